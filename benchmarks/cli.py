@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Measure speed and stability; exits 0 only when every bound holds.")
 
-CONTENDER_HELP = "Test another controller instead of poise's, module:Class; docs/contenders.md."
+CONTENDER_HELP = "Test another controller instead of poise's: module:Class or policy.yaml; docs/contenders.md."
+DIRECTIONS_HELP = "Headings, evenly spread, with that of the first in degrees: 16, 8+22.5 (between those of 8)."
 
 Workers = Annotated[int, typer.Option(min=1, help="Processes that measure at the same time.")]
 Scheduler = Annotated[str, typer.Option(help="Measure by the workers of this dask scheduler, such as tcp://HOST:8786.")]
@@ -53,12 +54,14 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
     """Add the command of one benchmark, or of several that differ in ``--mode``; the first is the default."""
     first = modes[0].info
     choice = first.choice or "scenario"
+    degrees = " (or degrees to the left)" if choice == "direction" else ""
     known = {each.info.mode: each for each in modes}
 
     @app.command(name, help=first.about)
     def run(
         robot: Annotated[str, typer.Option(help="Robot profile.")] = "g1",
         seeds: Annotated[int, typer.Option(min=1, help="How many seeds.")] = first.seeds,
+        first_seed: Annotated[int | None, typer.Option(min=0, help="First seed; usually 0.")] = None,
         workers: Workers = 1,
         scheduler: Scheduler = "",
         results: ResultsPath = None,
@@ -70,8 +73,12 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
             hidden=len(known) < 2,
         ),
         chosen: list[str] = typer.Option(  # noqa: B008
-            [], f"--{choice}", help=f"Measure only this {choice}; repeatable.", hidden=not first.choice
+            [],
+            f"--{choice}",
+            help=f"Measure only this {choice}{degrees}; repeatable.",
+            hidden=not first.choice,
         ),
+        directions: str = typer.Option("", help=DIRECTIONS_HELP, hidden=choice != "direction"),
         contender: str = typer.Option("", help=CONTENDER_HELP, hidden=not first.contender),
     ) -> None:
         from benchmarks.core.harness import Options, print_report, write_json
@@ -80,14 +87,17 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
             raise typer.BadParameter(f"'{mode}' is not one of: {', '.join(known)}", param_hint="--mode")
         console, listed = Console(), known[mode]
         with report_errors(console):
-            if contender and not first.contender:
+            if contender and not listed.info.contender:
                 others = ", ".join(dict.fromkeys(each.command for each in catalogue().values() if each.info.contender))
                 raise ConfigError(f"bench {name} takes no contender; these do: {others}")
             if chosen and not first.choice:
                 raise ConfigError(f"bench {name} has no scenarios to choose from")
+            if directions and choice != "direction":
+                raise ConfigError(f"bench {name} has no directions to choose from")
             benchmark = listed.load()
             with open_sweep(workers, scheduler, results) as sweep:
-                options = Options(robot, seeds, workers, tuple(chosen), contender, sweep=sweep)
+                chose = tuple(chosen)
+                options = Options(robot, seeds, first_seed, workers, chose, directions, contender, sweep)
                 report = benchmark.run(options)
                 if sweep.results is not None:
                     console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured: {results}")

@@ -12,7 +12,7 @@ from bridge.commands.common import Namespace, Network, console, need, need_ros, 
 from bridge.commands.robot import calibrate, hang, mode, reach, reset, send, status, walk
 from models.numerics.threads import use_one_thread
 
-ENTRY_POINTS = "poise.commands"  #: Entry points of groups of commands, such as ``poise bench``
+ENTRY_POINTS = "poise.commands"  #: Entry points of further commands, such as ``poise bench``
 
 # One thread per process, set before anything numerical is imported; pictures without a display.
 use_one_thread()
@@ -20,7 +20,7 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 
 
 class _Commands(TyperGroup):
-    """Commands of poise, and the groups registered by other packages, which load when one is run or listed."""
+    """Commands of poise, and those registered by other packages, which load when one is run or listed."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         from importlib.metadata import entry_points
@@ -32,9 +32,9 @@ class _Commands(TyperGroup):
 
         if cmd_name not in self.commands:
             for entry in entry_points(group=ENTRY_POINTS, name=cmd_name):
-                group = typer.main.get_group(entry.load())
-                group.name = cmd_name
-                self.add_command(group)
+                command = typer.main.get_command(entry.load())
+                command.name = cmd_name
+                self.add_command(command)
         return super().get_command(ctx, cmd_name)
 
 

@@ -4,10 +4,12 @@ import inspect
 import json
 import re
 import sys
+from collections.abc import Mapping
+from dataclasses import asdict
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, cast
 
 import yaml
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
@@ -75,6 +77,19 @@ def parse_config(schema: type[T], data: dict[str, Any], source: str) -> T:
 def load_config(schema: type[T], path: Path) -> T:
     """Read a YAML file and check it against its schema; raises ``ConfigError`` as the two functions above do."""
     return parse_config(schema, read_yaml(path), str(path))
+
+
+def merged(base: Mapping[Any, Any], overlay: Mapping[Any, Any]) -> dict[str, Any]:
+    """Nested mappings with the values of an overlay in place of those of the base."""
+    both = {key for key in base if isinstance(base[key], Mapping) and isinstance(overlay.get(key), Mapping)}
+    return {**base, **overlay, **{key: merged(base[key], overlay[key]) for key in both}}
+
+
+def overlaid(config: T, overlay: Mapping[str, Any], source: str) -> T:
+    """A configuration with some of its values replaced, by nested keys; ``ConfigError`` names every wrong key."""
+    if not overlay:
+        return config
+    return parse_config(type(config), merged(asdict(cast(Any, config)), overlay), source)
 
 
 _PACKAGED: dict[tuple[type[Any], str, str], Any] = {}

@@ -7,16 +7,18 @@ Lengths are in metres, angles in radians, and every field below states its unit.
 from dataclasses import field
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive, load_config
+from models.config import STRICT, NonNegative, Positive, merged, parse_config, read_yaml
 from models.errors import ConfigError
 from models.types import Vector3
+from models.urdf import resolve_uri
 
 #: Frames that every profile places on a link (REP-120 names); the soles and base_link have keys of their own
+Law = Literal["gait", "balance", "whole_body"]  #: Configurations that a profile may change
 REQUIRED_FRAMES = ("torso", "gaze", "l_wrist", "r_wrist", "imu")
 CAMERA_FRAME = "camera_optical_frame"  #: Frame in which the camera sees: x right, y down, z ahead (REP-103)
 #: Frame names with a meaning of their own, which ``frames`` may not redefine
@@ -227,6 +229,8 @@ class Profile:
     jig_postures: tuple[str, ...] = ("zero", "stand")
     #: what touches the simulated floor when the robot falls, by name
     hulls: dict[str, Hull] = field(default_factory=dict)
+    #: what differs for this robot from the packaged configuration of its laws, as nested keys by the name of the file
+    laws: dict[Law, dict[str, Any]] = field(default_factory=dict)
     source: str = ""  #: file the profile was read from; filled in by the loader
 
     def __post_init__(self) -> None:
@@ -275,14 +279,37 @@ def _robots_folder() -> Path:
 
 
 def load_profile(name_or_path: str | Path) -> Profile:
-    """Load a robot profile by packaged name or path, which is its ``source``; ``ConfigError`` names file and key."""
-    text = str(name_or_path)
-    is_path = isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text
-    path = Path(text).expanduser().resolve() if is_path else _robots_folder() / f"{text}.yaml"
-    if not is_path and not path.is_file():
-        raise ConfigError(f"unknown robot '{text}'; known: {', '.join(robot_names())} (or the path of a profile)")
-    profile = load_config(Profile, path)
+    """Load a robot profile by packaged name or path, which is its ``source``; ``ConfigError`` names file and key.
+
+    A profile with the key ``extends`` has what the profile of that name or path has, with its own values over it.
+    """
+    path = _profile_path(name_or_path, Path())
+    profile = parse_config(Profile, _profile_data(path), str(path))
     if profile.source:
         raise ConfigError(f"{path}: source: is filled in by the loader; remove it")
     object.__setattr__(profile, "source", str(path))
     return profile
+
+
+def _profile_data(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Values of a profile over those of the one that it extends, whose URDF is given by its path."""
+    data = read_yaml(path)
+    extended = data.pop("extends", None)
+    if extended is None:
+        return data
+    below = _profile_path(str(extended), path.parent)
+    if below in (path, *above):
+        raise ConfigError(f"{path}: extends: '{extended}' extends this profile")
+    base = _profile_data(below, (path, *above))
+    base["urdf"] = str(resolve_uri(str(base.get("urdf", "")), below.parent))
+    return merged(base, data)
+
+
+def _profile_path(name_or_path: str | Path, folder: Path) -> Path:
+    """File of a profile; a path is relative to a folder."""
+    text = str(name_or_path)
+    is_path = isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text
+    path = (folder / Path(text).expanduser()).resolve() if is_path else _robots_folder() / f"{text}.yaml"
+    if not is_path and not path.is_file():
+        raise ConfigError(f"unknown robot '{text}'; known: {', '.join(robot_names())} (or the path of a profile)")
+    return path

@@ -106,7 +106,7 @@ class Benchmark(ABC):
 
     def cases(self, options: Options) -> list[Case]:
         """Inputs of every case, by default one a seed; ``ConfigError`` where the options name an unknown scenario."""
-        return [{"robot": options.robot, "seed": seed} for seed in range(options.seeds)]
+        return [{"robot": options.robot, "seed": seed} for seed in options.each_seed()]
 
     @abstractmethod
     def figures(self, cases: list[Case]) -> dict[str, float]:

@@ -1,13 +1,19 @@
 """Any controller in the same tests as poise: its class gets the sensors and returns a joint command each tick."""
 
+from dataclasses import replace
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Protocol
 
 import numpy as np
 
+from benchmarks.contenders.onnx_policy import OnnxPolicy
+from benchmarks.core.provenance import is_policy
 from bridge.closed_loop import ClosedLoop
+from bridge.plants.config import LoopConfig
 from controllers.joints.joint_servo import JointServo
 from controllers.stack import ControlStack
+from models.config import default_config
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import (
@@ -42,7 +48,12 @@ class Contender(Protocol):
 
 
 def load(name: str) -> Contender:
-    """Make a contender by ``module:Class``; ``ConfigError`` when it cannot be made or lacks a method."""
+    """Make a contender by ``module:Class``, or by the YAML file of an ONNX policy.
+
+    Raises ``ConfigError`` when it cannot be made or lacks a method.
+    """
+    if is_policy(name):
+        return OnnxPolicy(Path(name))
     try:
         contender: Contender = resolve_name(name)()
     except (ImportError, AttributeError, TypeError, ValueError) as error:
@@ -96,13 +107,21 @@ class DirectDrives(JointServo):
         return super().step(t, q, v, dt) if self._direct is None else JointCommand.torque(self._direct)
 
 
+ANY_LOAD = 2.0  #: ``load_tolerance`` of contenders: a posture of their own may load the feet of a held robot otherwise
+
+
 class ContenderLoop(ClosedLoop):
-    """``ClosedLoop`` and its options with a contender; its log has the truth only. ``ConfigError`` without one."""
+    """``ClosedLoop`` and its options with a contender; its log has the truth only. ``ConfigError`` without one.
+
+    Without a ``config`` the robot is let go after ``settle_time``, whatever its feet bear.
+    """
 
     def __init__(self, contender: str, robot: str | RobotModel = "g1", seed: int = 0, **options: Any) -> None:
         model = robot if isinstance(robot, RobotModel) else RobotModel.load(robot)
         self._laws = ContenderStack(contender, model, seed)
         record = options.get("record_period_s") is not None
+        packaged = default_config(LoopConfig, "bridge", "closed_loop")
+        options.setdefault("config", replace(packaged, load_tolerance=ANY_LOAD))
         super().__init__(model, seed, record=record, stack=self._laws, drivers=DirectDrives, **options)
 
     @property

@@ -44,11 +44,18 @@ class Options:
     """Command-line options of every benchmark."""
 
     robot: str = "g1"  #: Profile, by name or path
-    seeds: int = 1  #: Number of seeds; these are 0 .. seeds - 1
+    seeds: int = 1  #: Number of seeds
+    first_seed: int | None = None  #: First of them; the usual one of the benchmark when None
     workers: int = 1  #: Worker processes; with one, cases are measured in this process
     scenarios: tuple[str, ...] = ()  #: Chosen scenarios; the usual ones if empty
-    contender: str = ""  #: Controller to test instead of poise, as ``module:Class``; poise if empty
+    directions: str = ""  #: Grid of headings as ``COUNT`` or ``COUNT+DEGREES``; the usual one if empty
+    contender: str = ""  #: Controller to test instead of poise, by the name of ``contender.load``; poise if empty
     sweep: Sweep = field(default_factory=Sweep)  #: Executor and store of the cases
+
+    def each_seed(self, usual: int = 0) -> range:
+        """The seeds, from ``first_seed`` or the usual first one on."""
+        first = usual if self.first_seed is None else self.first_seed
+        return range(first, first + self.seeds)
 
 
 def chosen(bench: str, scenarios: Sequence[str], known: Sequence[str], usual: Sequence[str] | None = None) -> list[str]:
@@ -71,7 +78,7 @@ class Report:
     passed: bool  #: Whether every bound holds
     load: dict[str, Any]  #: Load averages before and after, and the number of cores [-]
     notes: list[str] = field(default_factory=list)  #: Remarks for the reader of the table, such as which bound failed
-    contender: str = ""  #: Tested instead of poise, as ``module:Class``; empty for poise
+    contender: str = ""  #: Tested instead of poise; empty for poise
 
     @property
     def who(self) -> str:

@@ -1,15 +1,18 @@
 """Where a figure comes from: versions, source, configuration and machine, the latter in general terms only."""
 
 import hashlib
+import json
 import os
 import platform
 import subprocess
 from collections.abc import Mapping
+from dataclasses import asdict
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
+from models.config import read_yaml
 from models.profile import load_profile
 from models.urdf import resolve_uri
 
@@ -83,8 +86,16 @@ def digest(*parts: bytes) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:DIGEST]
 
 
+def is_policy(contender: str) -> bool:
+    """Whether a contender is named by the file of a policy, not by ``module:Class``."""
+    return contender.endswith((".yaml", ".yml"))
+
+
 def _source_of(name: str) -> list[Path]:
-    """File of a contender's module; none where there is none, which ``contender.load`` refuses."""
+    """Files of a contender: its module, or policy and model; none where ``contender.load`` refuses it."""
+    if is_policy(name):
+        file = Path(name)
+        return [file, file.parent / str(read_yaml(file).get("model"))] if file.is_file() else []
     try:
         spec = find_spec(name.partition(":")[0])
     except (ImportError, ValueError):
@@ -93,13 +104,14 @@ def _source_of(name: str) -> list[Path]:
 
 
 def configuration(robot: str, contender: str = "") -> str:
-    """Hash of the configuration: YAML files of the benchmarks, profile and URDF of the robot, file of a contender."""
-    source = Path(load_profile(robot).source)
-    urdf = resolve_uri(load_profile(robot).urdf, source.parent)
-    files = [*sorted((ROOT / "benchmarks/config").glob("*.yaml")), source, urdf]
+    """Hash of the configuration: YAML files of the benchmarks, profile and URDF of the robot, files of a contender."""
+    profile = load_profile(robot)
+    urdf = resolve_uri(profile.urdf, Path(profile.source).parent)
+    files = [*sorted((ROOT / "benchmarks/config").glob("*.yaml")), urdf]
     if contender:
         files += _source_of(contender)
-    return digest(*(file.read_bytes() for file in files if file.is_file()))
+    values = json.dumps(asdict(profile) | {"source": "", "urdf": ""}).encode()
+    return digest(values, *(file.read_bytes() for file in files if file.is_file()))
 
 
 def _git(*arguments: str) -> str:

@@ -244,7 +244,7 @@ class Faults(FaultBenchmark):
 
     def cases(self, options: Options) -> list[Case]:
         rows = chosen("faults", options.scenarios, [*config().rows, *config().margins])
-        return [{"robot": options.robot, "seed": seed, "row": row} for row in rows for seed in range(options.seeds)]
+        return [{"robot": options.robot, "seed": seed, "row": row} for row in rows for seed in options.each_seed()]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
         found: dict[str, float] = {}

@@ -154,7 +154,7 @@ class GraphFaults(FaultBenchmark):
 
     def cases(self, options: Options) -> list[Case]:
         rows = chosen("graph_faults", options.scenarios, list(config().rows))
-        return [{"robot": options.robot, "row": row, "seed": seed} for seed in range(options.seeds) for row in rows]
+        return [{"robot": options.robot, "row": row, "seed": seed} for seed in options.each_seed() for row in rows]
 
     def run(self, options: Options) -> Report:
         inputs = self.cases(options)
@@ -165,7 +165,7 @@ class GraphFaults(FaultBenchmark):
                 if left:
                     options.sweep.stop_workers()
                 places = {(case["seed"], case["row"]): index for index, case in enumerate(left)}
-                for seed in range(options.seeds):
+                for seed in options.each_seed():
                     rows = [case["row"] for case in left if case["seed"] == seed]
                     clock = Clock()
                     for case in _with_seed(model, options.robot, seed, rows, Path(folder)):

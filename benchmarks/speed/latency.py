@@ -255,7 +255,7 @@ class Latency(Benchmark):
         config = latency_config()
         names = chosen("latency", options.scenarios, list(config.scenarios), config.usual)
         return [
-            {"robot": options.robot, "seed": seed, "scenario": name} for name in names for seed in range(options.seeds)
+            {"robot": options.robot, "seed": seed, "scenario": name} for name in names for seed in options.each_seed()
         ]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:

@@ -299,7 +299,7 @@ class QPBenchmark(Benchmark):
 
     def cases(self, options: Options) -> list[Case]:
         solvers = [OWN, *available()[0]]
-        return [{"robot": options.robot, "seed": seed, "solvers": solvers} for seed in range(options.seeds)]
+        return [{"robot": options.robot, "seed": seed, "solvers": solvers} for seed in options.each_seed()]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
         return summarise(cases, list(dict.fromkeys(case["solver"] for case in cases)))

@@ -150,7 +150,7 @@ class Calibrate(Benchmark):
     measure = staticmethod(calibrate)
 
     def cases(self, options: Options) -> list[Case]:
-        return [{"robot": options.robot, "way": way, "seed": seed} for way in WAYS for seed in range(options.seeds)]
+        return [{"robot": options.robot, "way": way, "seed": seed} for way in WAYS for seed in options.each_seed()]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
         """Largest share left of each error, worst of each quantity, and falls of uncalibrated robots."""

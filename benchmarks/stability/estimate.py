@@ -236,7 +236,7 @@ class Estimate(Benchmark):
     measure = staticmethod(measure)
 
     def cases(self, options: Options) -> list[Case]:
-        seeds = range(options.seeds)
+        seeds = options.each_seed()
         return [{"robot": options.robot, "seed": seed, "scenario": name} for seed in seeds for name in scenarios()]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:

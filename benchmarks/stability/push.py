@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
 from benchmarks.core.contender import ContenderLoop
-from benchmarks.core.harness import Case, Options, Report, chosen
+from benchmarks.core.harness import Case, Options, Report
 from benchmarks.core.loops import Search, largest
 from benchmarks.stability.falls import FAILED, PASSED
 from benchmarks.stability.push_bounds import ankle_bound, torque_bound
@@ -23,6 +23,7 @@ from bridge.analysis.stability import Balance, balance, distance_along
 from bridge.closed_loop import ClosedLoop
 from controllers.balance.controller import BalanceController
 from models.config import STRICT, Count, Positive
+from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import RobotState, Vector
 
@@ -45,14 +46,37 @@ def direction_name(angle: float) -> str:
     eighth = angle / (0.25 * math.pi)
     if abs(eighth - round(eighth)) < 1e-6:  # 1e-6: rounding
         return _NAMES[round(eighth) % len(_NAMES)]
-    return f"{math.degrees(angle):.0f} deg"
+    return f"{math.degrees(angle):.4g} deg"
 
 
-def angles(bench: str, count: int, names: Sequence[str] = ()) -> list[float]:
-    """Evenly spread headings [rad], the first forward, or those chosen; ``ConfigError`` lists the known names."""
-    known = {direction_name(angle): angle for angle in (2.0 * math.pi * k / count for k in range(count))}
-    selected = chosen(bench, names, list(known))
-    return [angle for name, angle in known.items() if name in selected]
+def angles(usual: int, options: Options) -> list[float]:
+    """Headings [rad] in [0, 2 pi), ascending: those chosen, by word or in degrees, else those of the grid.
+
+    A grid is a number of evenly spread headings and where the first is, forward if left out: ``16``, or ``8+22.5``
+    [deg]. ``usual`` is that number without the option. Raises ``ConfigError`` for anything else.
+    """
+    number, _, offset = (options.directions or str(usual)).partition("+")
+    count, first = _number(number), _number(offset or "0")
+    if not (count >= 1.0 and count.is_integer() and math.isfinite(first)):
+        raise ConfigError(f"directions '{options.directions}': a grid is COUNT or COUNT+DEGREES, such as 16 or 8+22.5")
+    degrees = [first + 360.0 * k / count for k in range(int(count))]
+    if options.scenarios:
+        degrees = [
+            45.0 * _NAMES.index(name) if name in _NAMES else _number(name.removesuffix("deg"))
+            for name in options.scenarios
+        ]
+    for name, heading in zip(options.scenarios, degrees, strict=False):
+        if not math.isfinite(heading):
+            raise ConfigError(f"unknown direction '{name}'; known: {', '.join(_NAMES)}, or degrees to the left")
+    return sorted({math.radians(heading % 360.0) for heading in degrees})
+
+
+def _number(text: str) -> float:
+    """The number in a text; NaN for another text."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 RINGS = (0.25, 0.5)  #: Distances of the rings of the map; the second where the first gives too many [m/s]
@@ -230,8 +254,8 @@ class Push(Benchmark):
     def cases(self, options: Options) -> list[Case]:
         return [
             {"robot": options.robot, "seed": seed, "angle": angle, "contender": options.contender}
-            for seed in range(options.seeds)
-            for angle in angles(self.name, _config().directions, options.scenarios)
+            for seed in options.each_seed()
+            for angle in angles(_config().directions, options)
         ]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:

@@ -1,75 +1,37 @@
 """Largest push that a robot takes with steps, standing or walking, beside the bounds of ankles and of N steps.
 
 The figure of a direction is the largest push that it takes at every moment tried (phases of the stride; standing,
-seeds): a bisection on all of them at once. A push is taken when the robot does not fall, its legs do not intersect, and
-some seconds later it stands still, or walks on.
+seeds): a bisection on all of them at once. Every controller is scored by the true state alone: a push is taken when the
+robot does not fall, its legs do not touch, and in the end it keeps its place, also with steps, or walks on. The stride
+is that between two touchdowns of the true left foot.
 """
 
 import math
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import coal
 import numpy as np
-import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, settings
+from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report
-from benchmarks.core.loops import Search, demand, largest
+from benchmarks.core.loops import Search, advance, demand, largest
 from benchmarks.stability.falls import FAILED, GOAL, PASSED, draw_fall, moments_since
+from benchmarks.stability.legs import LegContact
 from benchmarks.stability.push import PushMap, PushMode, angles, direction_name, draw_map, stance
 from benchmarks.stability.push_bounds import ankle_bound, distance_with_steps
 from bridge.closed_loop import ClosedLoop
-from models.config import STRICT, Count, Fraction, NonNegative, Positive, default_config
+from models.config import STRICT, Count, Fraction, Positive
 from models.constants import GRAVITY
-from models.errors import ConfigError, PoiseError
+from models.errors import PoiseError
 from models.heading import heading
 from models.robot_model import RobotModel
-from models.types import Mode, Vector
-from planners.collision import SelfCollision
-from planners.motion_config import MotionConfig
-
-
-class LegClearance:
-    """Least distance between the legs: convex hulls of their bodies, and boxes of ``thickness`` [m] on the soles."""
-
-    def __init__(self, robot: RobotModel, thickness: float) -> None:
-        self._robot = robot
-        self._hulls = SelfCollision(robot, default_config(MotionConfig, "planners", "motion").collision)
-        legs = [
-            set(robot.pin.supports[robot.pin.frames[foot.frame_id].parentJoint].tolist()[2:]) for foot in robot.feet
-        ]
-        joints = [body.parentJoint for body in self._hulls.geometry.geometryObjects]
-        between = []
-        for k in range(self._hulls.count):
-            first, second = (joints[i] for i in self._hulls.bodies(k))
-            between.append((first in legs[0] and second in legs[1]) or (first in legs[1] and second in legs[0]))
-        self._between = np.array(between)
-        self._data = robot.data()
-        self._boxes, self._places = [], []
-        for foot in robot.feet:
-            back, front, right, left = foot.rectangle
-            self._boxes.append(coal.Box(front - back, left - right, thickness))
-            middle = np.array([0.5 * (back + front), 0.5 * (left + right), 0.5 * thickness])
-            self._places.append(pin.SE3(np.eye(3), middle))
-
-    def distance(self, q: Vector) -> float:
-        """Least distance at a configuration (nq,) [m]: negative when legs overlap, infinite when far apart."""
-        hulls = self._hulls.distances(q, 0.0)[self._between]
-        pin.framesForwardKinematics(self._robot.pin, self._data, q)
-        poses = [
-            self._data.oMf[foot.frame_id] * place for foot, place in zip(self._robot.feet, self._places, strict=True)
-        ]
-        transforms = [coal.Transform3s(pose.rotation, pose.translation) for pose in poses]
-        result = coal.DistanceResult()
-        soles = coal.distance(
-            self._boxes[0], transforms[0], self._boxes[1], transforms[1], coal.DistanceRequest(), result
-        )
-        return min(float(soles), float(hulls.min(initial=np.inf)))
+from models.types import Matrix
+from planners.gait.config import load_gait_config
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -92,15 +54,17 @@ class PushMapConfig:
     stand_time: Positive
     walk_time: Positive
     walk_speed: Positive
+    touchdown_load: Fraction
+    air_time: Positive
+    stride_max: Positive
     recover_time: Positive
     check_period: Positive
     first: Positive
     largest: Positive
     stride: Positive
     resolution: Positive
-    speed_tolerance: Positive
-    overlap_tolerance: NonNegative
-    sole_thickness: Positive
+    rest_window: Positive
+    rest_radius: Positive
     walk_window: Positive
     walk_share: Fraction
     bound_steps: Count
@@ -112,13 +76,13 @@ class PushMapConfig:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One push without its size: phase of the stride (standing: added to the seed), heading from the robot [rad]."""
+    """One push without its size."""
 
-    robot: str
     mode: PushMode
     seed: int
-    phase: int
-    angle: float
+    phase: int  #: Of the stride, out of ``phases``; added to the seed of a robot that stands
+    angle: float  #: Heading from the robot's [rad]
+    speed: float | None = None  #: Of a walk [m/s]; ``walk_speed`` when None
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,49 +94,55 @@ class Outcome:
 
 
 map_config = partial(settings, PushMapConfig, "push_map")
+LEFT = 0  #: Foot whose touchdowns time the push
 
 
 @cache
-def loop_of(robot: str) -> ClosedLoop:
+def loop_of(robot: str, contender: str = "") -> ClosedLoop:
     """One closed loop for every push of this process; ``reset`` starts it over as a new one would."""
+    if contender:
+        return ContenderLoop(contender, robot)
     return ClosedLoop(robot=robot, record_period_s=map_config().record_period)
 
 
-@cache
-def legs_of(robot: str) -> LegClearance:
-    """The clearance of a robot's legs, for every push of this process."""
-    return LegClearance(loop_of(robot).robot, map_config().sole_thickness)
+@lru_cache(maxsize=2)
+def legs_of(robot: RobotModel) -> LegContact:
+    """The check of a robot's legs."""
+    return LegContact(robot)
 
 
-def prepare(trial: Trial) -> ClosedLoop:
+def prepare(loop: ClosedLoop, trial: Trial) -> None:
     """Bring a robot to the moment of its push; ``PoiseError`` when it falls, or does not walk, without one."""
-    config, loop = map_config(), loop_of(trial.robot)
-    standing = trial.mode is not PushMode.WALK
+    config, standing = map_config(), trial.mode is not PushMode.WALK
     loop.reset(trial.seed + (trial.phase if standing else 0))
     if trial.mode is not PushMode.CATCH:
         demand(loop, "walk")
     if standing:
-        loop.run(config.stand_time)
-        return loop
-    loop.set_velocity(config.walk_speed, 0.0, 0.0)
-    loop.run(config.walk_time)
-    stride = 2.0 * loop.gait.state.pace.period
-    end, was = loop.t + 2.0 * stride, True
-    while True:  # until the left foot lifts
-        lift_off = loop.gait.view.swinging and loop.gait.stance == 1
-        if lift_off and not was:
-            break
-        was = lift_off
-        if loop.t > end or loop.fallen:
-            raise PoiseError(f"{trial.robot} does not walk at {config.walk_speed} m/s before it is pushed")
-        loop.step()
-    loop.run(stride * trial.phase / config.phases[trial.mode])
-    return loop
+        advance(loop, config.stand_time)
+        return
+    loop.set_velocity(config.walk_speed if trial.speed is None else trial.speed, 0.0, 0.0)
+    advance(loop, config.walk_time)
+    begin, end = (wait_touchdown(loop) for _ in range(2))
+    advance(loop, (end - begin) * trial.phase / config.phases[trial.mode])
+
+
+def wait_touchdown(loop: ClosedLoop) -> float:
+    """Run until the true left foot lands [s]; ``PoiseError`` when the robot falls, or does not step in time."""
+    config = map_config()
+    load = config.touchdown_load * loop.robot.mass * GRAVITY
+    end, lifted = loop.t + config.stride_max, loop.t
+    while loop.t < end:
+        if loop.plant.wrenches[LEFT, 2] > load:
+            if loop.t - lifted >= config.air_time:
+                return loop.t
+            lifted = loop.t
+        advance(loop, loop.plant.period)
+    raise PoiseError(f"{loop.robot.name} does not walk before it is pushed")
 
 
 def survives(loop: ClosedLoop, trial: Trial, dv: float) -> Outcome:
     """Push once, by an impulse over mass ``dv`` [m/s], a robot from ``prepare``."""
-    config, legs, pushed = map_config(), legs_of(trial.robot), loop.t
+    config, legs, pushed = map_config(), legs_of(loop.robot), loop.t
     angle = heading(*loop.truth.q[3:7]) + trial.angle
     force = loop.robot.mass * dv / config.duration
     loop.apply_push((force * math.cos(angle), force * math.sin(angle), 0.0), config.duration, config.body)
@@ -181,30 +151,30 @@ def survives(loop: ClosedLoop, trial: Trial, dv: float) -> Outcome:
         loop.run(config.check_period)
         if loop.fallen:
             return Outcome(loop.fall_reason, pushed)
-        if legs.distance(loop.truth.q) < -config.overlap_tolerance:
-            return Outcome("the legs run through each other", pushed)
-        places.append(loop.truth.q[:2].copy())
-    return Outcome(_ending(trial, loop, places), pushed)
+        q = loop.truth.q
+        if touching := legs.find(q):
+            return Outcome(f"{LEGS_TOUCH}: {touching}", pushed)
+        places.append(q[:2].copy())
+    return Outcome(_ending(trial, np.array(places)), pushed)
+
+
+LEGS_TOUCH = "legs touch"  #: Beginning of the reason
+
+
+def _ending(trial: Trial, places: Matrix) -> str:
+    """Why a robot with these places of its base (n, 2) [m] has not recovered; empty when it has."""
+    config, walks = map_config(), trial.mode is PushMode.WALK
+    window = config.walk_window if walks else config.rest_window
+    ways = np.linalg.norm(places[-1] - places[-1 - round(window / config.check_period) :], axis=1)
+    if walks:
+        speed = config.walk_speed if trial.speed is None else trial.speed
+        return "" if ways[0] > config.walk_share * speed * window else "does not walk on"
+    return "" if ways.max() < config.rest_radius else f"moves {ways.max():.2f} m in the last {window:g} s"
 
 
 def moments(loop: ClosedLoop, outcome: Outcome) -> Case:
-    """What explains how a push ended, from shortly before it on; see ``moments_since``."""
-    return moments_since(loop, outcome.pushed - map_config().lead)
-
-
-def _ending(trial: Trial, loop: ClosedLoop, places: list[Vector]) -> str:
-    """Why the end of a trial is not what it has to be; empty when it is."""
-    config = map_config()
-    if trial.mode is PushMode.WALK:
-        window = min(round(config.walk_window / config.check_period), len(places) - 1)
-        moved = float(np.linalg.norm(places[-1] - places[-1 - window]))
-        return "" if moved > config.walk_share * config.walk_speed * config.walk_window else "does not walk on"
-    speed = float(np.linalg.norm(stance(loop.robot, loop.truth).com_velocity))
-    if loop.gait.walking:
-        return "still steps"
-    if trial.mode is PushMode.CATCH and loop.mode is not Mode.STAND:
-        return f"ends in mode '{loop.mode.value}'"
-    return "" if speed < config.speed_tolerance else f"CoM still moves at {speed:.2f} m/s"
+    """What explains how a push ended, from shortly before it on; see ``moments_since``. Empty for a contender."""
+    return {} if isinstance(loop, ContenderLoop) else moments_since(loop, outcome.pushed - map_config().lead)
 
 
 #: What the figures are, for the reader of the table
@@ -214,9 +184,12 @@ MEANING = (
 )
 
 
-def bounds(trial: Trial) -> dict[str, float]:
-    """Impulses over mass ``ankle_dv`` and ``steps_dv`` that the pendulum takes [m/s]; 0 with the DCM past the edge."""
-    config, loop = map_config(), prepare(trial)
+def bounds(loop: ClosedLoop, trial: Trial) -> dict[str, float]:
+    """Impulses over mass ``ankle_dv`` and ``steps_dv`` that the pendulum takes [m/s]; 0 with the DCM past the edge.
+
+    The robot is from ``prepare``; reach and step time are those of poise's gait for it, whoever controls it.
+    """
+    config = map_config()
     angle = heading(*loop.truth.q[3:7]) + trial.angle
     direction = np.array([math.cos(angle), math.sin(angle)])
     now = stance(loop.robot, loop.truth)
@@ -227,7 +200,7 @@ def bounds(trial: Trial) -> dict[str, float]:
     edges = np.full(2, -math.inf)
     edges[loaded] = (now.corners[loaded, :, :2] @ direction).max(axis=1) - dcm @ direction
     frame = np.array([math.cos(trial.angle), math.sin(trial.angle)])
-    far = distance_with_steps(loop.gait.config, omega, config.bound_steps, frame, (edges[0], edges[1]))
+    far = distance_with_steps(load_gait_config(loop.robot), omega, config.bound_steps, frame, (edges[0], edges[1]))
     mass = loop.robot.mass
     return {
         name: max(ankle_bound(mass, height, distance, config.duration), 0.0) * config.duration / mass
@@ -235,16 +208,20 @@ def bounds(trial: Trial) -> dict[str, float]:
     }
 
 
-def measure(robot: str, mode: str, seed: int, angle: float) -> Case:
-    """Bisect the push in one direction, from the robot's heading [rad]; ``reason`` is that of ``failed_dv``."""
-    config = map_config()
-    trials = [Trial(robot, PushMode(mode), seed, phase, angle) for phase in range(config.phases[PushMode(mode)])]
+def measure(robot: str, mode: str, seed: int, angle: float, contender: str = "") -> Case:
+    """Bisect the push in one direction, from the robot's heading [rad]; ``reason`` is that of ``failed_dv``.
+
+    A robot that is not ready for the push at every moment takes none.
+    """
+    config, loop = map_config(), loop_of(robot, contender)
+    trials = [Trial(PushMode(mode), seed, phase, angle) for phase in range(config.phases[PushMode(mode)])]
     failed: dict[str, Any] = {"failed_dv": math.nan, "failed_phase": 0, "reason": "", "moments": {}}
+    limits: list[dict[str, float]] = []
 
     def holds(dv: float) -> bool:
         # The moment that failed last is the likeliest to fail again.
         for trial in sorted(trials, key=lambda trial: trial.phase != failed["failed_phase"]):
-            loop = prepare(trial)
+            prepare(loop, trial)
             outcome = survives(loop, trial, dv)
             if outcome.reason:
                 failed.update(failed_dv=dv, failed_phase=trial.phase, reason=outcome.reason)
@@ -252,10 +229,17 @@ def measure(robot: str, mode: str, seed: int, angle: float) -> Case:
                 return False
         return True
 
+    for trial in trials:
+        try:
+            prepare(loop, trial)
+        except PoiseError as error:
+            failed.update(failed_dv=0.0, failed_phase=trial.phase, reason=str(error))
+            limits = [{"ankle_dv": 0.0, "steps_dv": 0.0}]
+            break
+        limits.append(bounds(loop, trial))
     search = Search(config.first, config.largest, config.stride, config.resolution)
-    dv, pushes = largest(holds, search)
-    limits = [bounds(trial) for trial in trials]
-    mass = prepare(trials[0]).robot.mass
+    dv, pushes = (0.0, 0) if failed["reason"] else largest(holds, search)
+    mass = loop.robot.mass
     return {
         "dv": dv,
         "impulse": dv * mass,
@@ -276,7 +260,7 @@ def summarise(results: list[Case]) -> dict[str, float]:
         "impulse_min": min(float(case["impulse"]) for case in results),
         "ankle_dv_min": min(case["ankle_dv"] for case in results),
         "steps_dv_min": min(case["steps_dv"] for case in results),
-        "legs_touched": float(sum("legs" in case["reason"] for case in results)),
+        "legs_touched": float(sum(LEGS_TOUCH in case["reason"] for case in results)),
     }
     for bound in ("ankle", "steps"):
         limits = np.array([min(case[f"{bound}_dv"] for case in results if case["angle"] == angle) for angle in angles])
@@ -327,13 +311,11 @@ class PushWithSteps(Benchmark):
         return PushMode(self.name.removeprefix("push_"))
 
     def cases(self, options: Options) -> list[Case]:
-        if options.contender:
-            raise ConfigError("a contender is pushed in mode 'stand' only: the others look into poise's gait")
-        config, first = map_config(), map_config().first_seed[self.mode]
+        config, mode = map_config(), self.mode.value
         return [
-            {"robot": options.robot, "mode": self.mode.value, "seed": seed, "angle": angle}
-            for seed in range(first, first + options.seeds)
-            for angle in angles(self.name, config.directions[self.mode], options.scenarios)
+            {"robot": options.robot, "mode": mode, "seed": seed, "angle": angle, "contender": options.contender}
+            for seed in options.each_seed(config.first_seed[self.mode])
+            for angle in angles(config.directions[self.mode], options)
         ]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:

@@ -148,7 +148,7 @@ class Stand(Benchmark):
     measure = staticmethod(_measure)
 
     def cases(self, options: Options) -> list[Case]:
-        turn, seeds = 2.0 * math.pi / _push_config().directions, range(options.seeds)
+        turn, seeds = 2.0 * math.pi / _push_config().directions, options.each_seed()
         cases: list[Case] = [{"kind": "stand", "robot": options.robot, "seed": seed} for seed in seeds]
         for name in _config().motions:
             for seed in seeds:

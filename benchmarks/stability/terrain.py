@@ -101,7 +101,7 @@ class Terrain(Benchmark):
         return [
             {"robot": options.robot, "seed": seed, "scenario": name, "contender": options.contender}
             for name in names
-            for seed in range(options.seeds)
+            for seed in options.each_seed()
         ]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
@@ -139,12 +139,14 @@ class Terrain(Benchmark):
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
         config, names = _config(), list(dict.fromkeys(case["scenario"] for case in report.cases))
+        first = min(case["seed"] for case in report.cases)
         figure = new_figure(3.5 + 0.9 * len(names), 3.6)
         axes = figure.add_subplot(1, 1, 1)
         for survived, colour in ((True, PASSED), (False, FAILED)):
             chosen = [case for case in report.cases if case["survived"] == survived]
             places = [
-                names.index(case["scenario"]) + 0.3 * ((case["seed"] + 0.5) / report.seeds - 0.5) for case in chosen
+                names.index(case["scenario"]) + 0.3 * ((case["seed"] - first + 0.5) / report.seeds - 0.5)
+                for case in chosen
             ]
             label = "survived" if survived else "did not survive"
             axes.plot(places, [case["distance"] for case in chosen], "o", markersize=4, color=colour, label=label)

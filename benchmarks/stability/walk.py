@@ -16,14 +16,14 @@ from bridge.analysis.plots import new_figure
 CONTESTED = ("steady", "top")  # kinds of cases that only command velocities
 
 
-def cases(robot: str, seeds: int, scenarios: Sequence[str] = (), contender: str = "") -> list[Case]:
+def cases(robot: str, seeds: range, scenarios: Sequence[str] = (), contender: str = "") -> list[Case]:
     """Inputs of every case of the chosen scenarios, or of all; a contender has ``CONTESTED`` ones only."""
     config, expected = walk_config(), robot_walk(robot)
     kinds = {name: "steady" if name in expected.scenarios else name for name in expected.names}
     known = [name for name, kind in kinds.items() if not contender or kind in CONTESTED]
     names = chosen(f"walk --robot {robot}{' --contender' if contender else ''}", scenarios, known)
     found: list[Case] = []
-    for seed in range(seeds):
+    for seed in seeds:
         for name in names:
             case: dict[str, Any] = {"kind": kinds[name]}
             if name in expected.scenarios:
@@ -92,7 +92,7 @@ class Walk(Benchmark):
     measure = staticmethod(measure)
 
     def cases(self, options: Options) -> list[Case]:
-        return cases(options.robot, options.seeds, options.scenarios, options.contender)
+        return cases(options.robot, options.each_seed(), options.scenarios, options.contender)
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
         return judge(cases[0]["robot"], cases)[0]

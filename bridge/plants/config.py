@@ -21,7 +21,7 @@ class LoopConfig:
     settle_time: Positive
     settle_limit: Positive
     load_window: Positive
-    load_tolerance: Fraction
+    load_tolerance: Positive
     supervise_period: Positive
     fall_height: Fraction
     fall_tilt: Annotated[float, Field(gt=0.0, lt=3.15)]

@@ -20,11 +20,10 @@ from controllers.balance.tick_kernels import (
     standing_reference,
 )
 from controllers.qp.terms import finite_state
-from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
+from controllers.whole_body.config import BalanceConfig, WholeBodyConfig, load_balance_config
 from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.limits import RowLimit
 from controllers.whole_body.tasks import Task
-from models.config import default_config
 from models.constants import GRAVITY
 from models.errors import TrajectoryError
 from models.numerics.unboxed import Unboxed, unbox
@@ -119,7 +118,7 @@ class BalanceController:
         self.model, self.head = model, head
         self.gait: Gait | None = None
         self._gait_started = False  # whether the gait has been reset
-        self.config = config = config or default_config(BalanceConfig, "controllers", "balance")
+        self.config = config = config or load_balance_config(model)
         self.whole_body = WholeBodyController(model, whole_body, extra_tasks, extra_limits)
         self.motions = MotionPlayer(model, config, head)
         self.no_step, self.walking = config.no_step, False

@@ -52,7 +52,7 @@ def friction_demand(wrench: Array, rectangle: Array) -> float:
     far = (1.0 - left) * math.hypot(x - x_max, y - y_min) + left * math.hypot(x - x_max, y - y_max)
     lever = max((1.0 - ahead) * near + ahead * far, 0.25 * (y_max - y_min))
     moment = wrench[5] - x * wrench[1] + y * wrench[0]
-    return math.sqrt(wrench[0] ** 2 + wrench[1] ** 2 + (moment / lever) ** 2) / normal
+    return float(math.sqrt(wrench[0] ** 2 + wrench[1] ** 2 + (moment / lever) ** 2) / normal)
 
 
 @njit(cache=True)

@@ -18,8 +18,14 @@ from controllers.nodes.motion_topics import HeadTopics, MotionTopics
 from controllers.nodes.sample_topics import StateTopics
 from controllers.safety.supervisor import ACTIVE_MODES
 from controllers.stack import ControlStack, StackConfig
-from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
+from controllers.whole_body.config import (
+    BalanceConfig,
+    WholeBodyConfig,
+    load_balance_config,
+    load_whole_body_config,
+)
 from models.config import default_config
+from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
@@ -45,9 +51,8 @@ class BalanceControllerNode(PoiseNode):
         super().__init__("balance_controller", **kwargs)
         self._stack = stack or ControlStack()
         self._gait = GaitExecutor(self, self._stack) if stack is None else None
-        balance = default_config(BalanceConfig, "controllers", "balance")
+        balance, whole_body = self._configured()
         self._balance = declare_config(self, balance, "balance.", TUNABLE)
-        whole_body = default_config(WholeBodyConfig, "controllers", "whole_body")
         self._whole_body = declare_config(self, whole_body, "whole_body.", TUNABLE)
         self._bound_gains()
         self.add_post_set_parameters_callback(self._on_gains)
@@ -73,6 +78,14 @@ class BalanceControllerNode(PoiseNode):
         self._last_command = b""
         self._timer = TickTimer()
         self._black_box = BlackBoxKeeper(self, self._stack)
+
+    def _configured(self) -> tuple[BalanceConfig, WholeBodyConfig]:
+        """Those of the robot; of any robot when it cannot be loaded, which ``configure`` reports."""
+        try:
+            return load_balance_config(self.model), load_whole_body_config(self.model)
+        except PoiseError:
+            balance = default_config(BalanceConfig, "controllers", "balance")
+            return balance, default_config(WholeBodyConfig, "controllers", "whole_body")
 
     def configure(self) -> None:
         if self._gait is not None:

@@ -5,7 +5,8 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive, Share
+from models.config import STRICT, NonNegative, Positive, Share, default_config, overlaid
+from models.robot_model import RobotModel
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -167,3 +168,15 @@ class BalanceConfig(DcmFeedback):
     stop_time_s: Positive  #: Time in which a motion that is stopped comes to rest [s]
     setpoint_time_s: Positive  #: Least time in which a lone point without velocities is reached [s]
     foothold_load: Share  #: Share of the weight that a foot must bear for its foothold to follow it [-]
+
+
+def load_balance_config(model: RobotModel) -> BalanceConfig:
+    """The packaged ``balance.yaml`` with ``laws`` of the robot's profile; ``ConfigError`` names a wrong key."""
+    laws, packaged = model.profile.laws, default_config(BalanceConfig, "controllers", "balance")
+    return overlaid(packaged, laws.get("balance", {}), f"{model.profile.source}: laws.balance")
+
+
+def load_whole_body_config(model: RobotModel) -> WholeBodyConfig:
+    """The packaged ``whole_body.yaml`` with ``laws`` of the robot's profile; ``ConfigError`` names a wrong key."""
+    laws, packaged = model.profile.laws, default_config(WholeBodyConfig, "controllers", "whole_body")
+    return overlaid(packaged, laws.get("whole_body", {}), f"{model.profile.source}: laws.whole_body")

@@ -9,7 +9,7 @@ from controllers.qp.active_set import QP
 from controllers.qp.contacts import ContactGains
 from controllers.qp.solve import QPSolver, Solution
 from controllers.qp.terms import Terms
-from controllers.whole_body.config import Gains, WholeBodyConfig
+from controllers.whole_body.config import Gains, WholeBodyConfig, load_whole_body_config
 from controllers.whole_body.limits import (
     BodyLimits,
     CoMHeightLimit,
@@ -31,7 +31,6 @@ from controllers.whole_body.tasks import (
     PostureTask,
     Task,
 )
-from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import JointCommand, Matrix, Reference, RobotState, SolveStatus, Vector
@@ -71,7 +70,7 @@ class WholeBodyController:
         extra_limits: Sequence[RowLimit] = (),
     ) -> None:
         self.model = model
-        self.config = config = config or default_config(WholeBodyConfig, "controllers", "whole_body")
+        self.config = config = config or load_whole_body_config(model)
         self._weight = model.mass * GRAVITY
         body, positions = _make_tasks(model, config)
         extra_tasks = [*positions, *extra_tasks]

@@ -9,7 +9,7 @@ import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive, Proportion, Share, default_config
+from models.config import STRICT, NonNegative, Positive, Proportion, Share, default_config, overlaid
 from models.robot_model import RobotModel
 
 QUINTIC_PEAK = 15.0 / 8.0  #: Peak over mean speed of a quintic from rest to rest [-]
@@ -258,7 +258,11 @@ class GaitConfig:
 
 
 def load_gait_config(model: RobotModel) -> GaitConfig:
-    """The packaged gait of a robot: ``gait_<name>.yaml``, or ``gait.yaml`` scaled to its legs."""
+    """The gait of a robot: ``gait_<name>.yaml``, or ``gait.yaml`` scaled to its legs, with ``laws`` of its profile."""
+    return overlaid(_packaged(model), model.profile.laws.get("gait", {}), f"{model.profile.source}: laws.gait")
+
+
+def _packaged(model: RobotModel) -> GaitConfig:
     own = f"gait_{model.name}"
     if (files("planners") / "config" / f"{own}.yaml").is_file():
         return default_config(GaitConfig, "planners", own)

@@ -94,7 +94,7 @@ def lost_share(areas: Matrix, half: Matrix) -> float:
         (high_x - low_x) * (high_y - low_y) / (4.0 * length * width)
         for (low_x, high_x, low_y, high_y), (length, width) in zip(areas.tolist(), half.tolist(), strict=True)
     )
-    return max(1.0 - min(bearing), 0.0)
+    return max(1.0 - float(min(bearing)), 0.0)
 
 
 def _smooth_step(u: float) -> float:

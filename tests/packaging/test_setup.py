@@ -90,13 +90,14 @@ def test_a_sourced_ros_is_used(machine: Path) -> None:
     venv = machine / "poise/.venv"
     assert "--system-site-packages" in (venv / "created").read_text()
     installed = (venv / "installed").read_text()
-    assert "--editable .[dev,bench,dataset,docs,view]" in installed and "--constraint constraints.txt" in installed
+    assert "--editable .[dev,bench,dataset,docs,policies,view]" in installed
+    assert "--constraint constraints.txt" in installed
 
 
 def test_each_level_has_what_those_before_it_have(machine: Path) -> None:
     _python(machine)
     installed = machine / "poise/.venv/installed"
-    for level, extras in (("run", "ros"), ("view", "ros,view"), ("dev", "ros,dev,bench,dataset,docs,view")):
+    for level, extras in (("run", "ros"), ("view", "ros,view"), ("dev", "ros,dev,bench,dataset,docs,policies,view")):
         assert _setup(machine, level).returncode == 0
         assert f"--editable .[{extras}]" in installed.read_text()
     installed.unlink()

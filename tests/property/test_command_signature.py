@@ -1,7 +1,7 @@
 """Signed commands against arbitrary changes: any text comes back as it was, and no changed byte passes."""
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from controllers.commands.command_signature import Signer, Verifier
@@ -17,12 +17,14 @@ def verifier() -> Verifier:
     return Verifier(KEY, 1.0, lambda: next(times, NOW))
 
 
+@settings(deadline=None)
 @given(texts, st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))
 def test_a_command_comes_back(text: str, source: str) -> None:
     command = verifier().verify(Signer(KEY, source, lambda: NOW).sign(text))
     assert (command.text, command.source) == (text, source)
 
 
+@settings(deadline=None)
 @given(texts, st.data())
 def test_no_changed_byte_passes(text: str, data: st.DataObject) -> None:
     line = Signer(KEY, "teleop", lambda: NOW).sign(text).encode()
@@ -33,6 +35,7 @@ def test_no_changed_byte_passes(text: str, data: st.DataObject) -> None:
         verifier().verify(changed.decode("utf-8", "surrogateescape"))
 
 
+@settings(deadline=None)
 @given(texts, st.data())
 def test_nothing_added_or_cut_passes(text: str, data: st.DataObject) -> None:
     line = Signer(KEY, "teleop", lambda: NOW).sign(text)

@@ -159,9 +159,18 @@ def test_help_offers_a_contender_where_it_is_taken(name: str) -> None:
     assert ("--contender" in shown) is (name in ("push", "terrain", "walk"))
 
 
-def test_a_contender_is_pushed_without_steps_only() -> None:
-    result = RUNNER.invoke(app, ["bench", "push", "--mode", "walk", "--contender", "a:B"])
-    assert result.exit_code == 2 and "in mode 'stand' only" in " ".join(result.output.split())
+@pytest.mark.parametrize(("mode", "name"), [("stand", "push"), ("walk", "push_walk")])
+def test_the_push_test_takes_contenders_grids_and_seeds(mode: str, name: str, asked: list[tuple[str, Options]]) -> None:
+    given = ["--contender", "a:B", "--directions", "8+22.5", "--first-seed", "300", "--seeds", "2"]
+    assert RUNNER.invoke(app, ["bench", "push", "--mode", mode, *given]).exit_code == 0
+    ((found, options),) = asked
+    assert (found, options.contender, options.directions) == (name, "a:B", "8+22.5")
+    assert list(options.each_seed(100)) == [300, 301]
+
+
+def test_directions_are_refused_where_there_are_none() -> None:
+    result = RUNNER.invoke(app, ["bench", "walk", "--directions", "8"])
+    assert result.exit_code == 2 and "bench walk has no directions to choose from" in " ".join(result.output.split())
 
 
 def test_an_error_is_one_line_and_status_two(asked: object) -> None:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,16 @@ import pytest
 import benchmarks.stability.push_map as push_map
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Case, Options, Report
-from benchmarks.stability.push import PushMode
+from benchmarks.stability.push import PushMode, angles, direction_name
 from benchmarks.stability.push_bounds import distance_with_steps, step_distance, step_length
-from benchmarks.stability.push_map import LegClearance, Outcome, Trial, map_config, moments, prepare, survives
+from benchmarks.stability.push_map import Outcome, Trial, map_config, moments, prepare, survives
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from planners.gait.config import load_gait_config
 
 OMEGA = 3.9
 AHEAD, LEFT = np.eye(2)
+STAND_STILL = "benchmarks.stability.stand_still:StandStill"
 
 
 @pytest.fixture(scope="module")
@@ -69,19 +71,6 @@ def test_the_foot_that_steps_first_bears_nothing(g1: RobotModel) -> None:
         assert distance_with_steps(gait, OMEGA, 3, LEFT, single) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("name", ["g1", "talos"])
-def test_legs_that_cross_at_one_height_overlap(name: str) -> None:
-    model = RobotModel.load(name)
-    legs, q = LegClearance(model, map_config().sole_thickness), model.standing_configuration()
-    apart = legs.distance(q)
-    assert apart > 0.0
-    rolls = ("hip_roll", "leg_left_2_joint", "leg_right_2_joint")
-    for i, joint in enumerate(model.joint_names):
-        if any(part in joint for part in rolls):
-            q[7 + i] += -0.2 if "left" in joint else 0.2  # both legs inwards, soles into each other
-    assert legs.distance(q) < -map_config().overlap_tolerance
-
-
 def case(angle: float, dv: float, reason: str = "fell") -> Case:
     return {"angle": angle, "dv": dv, "impulse": 33.0 * dv, "ankle_dv": 0.4, "steps_dv": 1.2, "reason": reason}
 
@@ -92,7 +81,12 @@ def passed(results: list[Case]) -> bool:
 
 
 def test_the_figure_of_a_direction_is_its_smallest_and_both_bounds_count() -> None:
-    results = [case(0.0, 1.0), case(0.0, 0.7), case(1.0, 1.3), case(2.0, 1.2, "the legs run through each other")]
+    results = [
+        case(0.0, 1.0),
+        case(0.0, 0.7),
+        case(1.0, 1.3),
+        case(2.0, 1.2, "legs touch: left_knee_link and right_knee_link"),
+    ]
     figures = push_map.summarise(results)
     assert (figures["dv_min"], figures["dv_median"], figures["legs_touched"]) == (0.7, 1.2, 1.0)
     assert passed(results)
@@ -113,14 +107,14 @@ def test_a_direction_holds_what_every_phase_holds(monkeypatch: pytest.MonkeyPatc
             mass = 30.0
 
     def survives(loop: type[Loop], trial: Trial, dv: float) -> Outcome:
-        assert loop is Loop
         return Outcome("" if dv <= limits[trial.phase] else "fell", 10.0 + trial.phase)
 
     monkeypatch.setattr(push_map, "survives", survives)
-    monkeypatch.setattr(push_map, "prepare", lambda trial: Loop)
+    monkeypatch.setattr(push_map, "loop_of", lambda robot, contender: Loop)
+    monkeypatch.setattr(push_map, "prepare", lambda loop, trial: None)
     monkeypatch.setattr(push_map, "moments", lambda loop, outcome: {"t": [outcome.pushed]})
     monkeypatch.setattr(
-        push_map, "bounds", lambda trial: {"ankle_dv": 0.4 + trial.phase, "steps_dv": 2.0 - trial.phase}
+        push_map, "bounds", lambda loop, trial: {"ankle_dv": 0.4 + trial.phase, "steps_dv": 2.0 - trial.phase}
     )
     found: dict[str, Any] = push_map.measure("g1", "walk", 0, 0.0)
     assert found["dv"] <= 0.7 < found["dv"] + map_config().resolution
@@ -129,9 +123,15 @@ def test_a_direction_holds_what_every_phase_holds(monkeypatch: pytest.MonkeyPatc
     assert (found["ankle_dv"], found["steps_dv"]) == (0.4, 0.0)
 
 
-def test_a_push_is_explained_from_shortly_before_it_on_though_another_one_came_first() -> None:
-    trial = Trial("g1", PushMode.STEP, 0, 0, 0.5 * math.pi)
-    loop = prepare(trial)
+def test_a_push_is_explained_from_shortly_before_it_on_though_another_one_came_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Legs:
+        find = staticmethod(lambda q: "")
+
+    monkeypatch.setattr(push_map, "legs_of", lambda robot: Legs)
+    trial, loop = Trial(PushMode.STEP, 0, 0, 0.5 * math.pi), push_map.loop_of("g1")
+    prepare(loop, trial)
     loop.apply_push((0.0, 1.0, 0.0), 0.01)
     loop.run(0.2)
     pushed = loop.t
@@ -148,5 +148,63 @@ def test_only_the_directions_that_are_chosen_are_measured(name: str) -> None:
     bench = catalogue()[name].load()
     cases = bench.cases(Options(scenarios=("left", "forward")))
     assert [case["angle"] for case in cases] == pytest.approx([0.0, 0.5 * math.pi])
-    with pytest.raises(ConfigError, match="unknown scenario 'up'; known: forward, forward-left"):
+    with pytest.raises(ConfigError, match=r"unknown direction 'up'; known: forward, forward-left, .* or degrees"):
         bench.cases(Options(scenarios=("up",)))
+
+
+@pytest.mark.parametrize(
+    ("options", "degrees"),
+    [
+        (Options(directions="4"), [0.0, 90.0, 180.0, 270.0]),
+        (Options(directions="4+22.5"), [22.5, 112.5, 202.5, 292.5]),
+        (Options(directions="2+-90"), [90.0, 270.0]),
+        (Options(scenarios=("112.5 deg", "-22.5", "left")), [90.0, 112.5, 337.5]),
+    ],
+)
+def test_directions_are_a_grid_or_words_and_degrees(options: Options, degrees: list[float]) -> None:
+    found = angles(8, options)
+    assert [math.degrees(angle) for angle in found] == pytest.approx(degrees)
+    assert angles(8, Options(scenarios=tuple(map(direction_name, found)))) == pytest.approx(found)
+
+
+@pytest.mark.parametrize("grid", ["0", "2.5", "many", "8+", "8+north"])
+def test_a_grid_that_is_none_is_refused(grid: str) -> None:
+    if grid == "8+":
+        assert len(angles(4, Options(directions=grid))) == 8
+        return
+    with pytest.raises(ConfigError, match="COUNT or COUNT"):
+        angles(8, Options(directions=grid))
+
+
+def test_seeds_start_where_they_are_asked_to() -> None:
+    bench = catalogue()["push_catch"].load()
+    assert {case["seed"] for case in bench.cases(Options(seeds=2))} == {100, 101}
+    assert {case["seed"] for case in bench.cases(Options(seeds=2, first_seed=300))} == {300, 301}
+
+
+def test_a_robot_that_does_not_get_to_the_push_takes_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The baseline stands where it should walk."""
+    found = push_map.measure("g1", "walk", 0, 0.0, STAND_STILL)
+    assert (found["dv"], found["pushes"], found["moments"]) == (0.0, 0, {})
+    assert "does not walk before" in found["reason"]
+
+
+def test_a_contender_is_scored_by_the_true_state() -> None:
+    trial, loop = Trial(PushMode.CATCH, 0, 0, 0.0), push_map.loop_of("g1", STAND_STILL)
+    for dv, reason in ((0.05, ""), (0.9, "base")):
+        prepare(loop, trial)
+        outcome = survives(loop, trial, dv)
+        assert outcome.reason[:4] == reason and outcome.pushed < loop.t
+    assert moments(loop, outcome) == {}
+
+
+@pytest.mark.parametrize("mode", [PushMode.STEP, PushMode.WALK])
+def test_a_robot_recovers_where_it_stays_or_walks_on(mode: PushMode) -> None:
+    """Steps in place do not count against it; a slow drift does."""
+    t = np.arange(0.0, 5.0, map_config().check_period)
+    sways = np.column_stack((0.02 * np.sin(8.0 * t), 0.03 * np.sin(4.0 * t)))
+    ending = partial(push_map._ending, Trial(mode, 0, 0, 0.0))
+    if mode is PushMode.STEP:
+        assert ending(sways) == "" and "moves" in ending(sways + np.outer(t, (0.08, 0.0)))
+    else:
+        assert ending(sways) == "does not walk on" and ending(sways + np.outer(t, (0.3, 0.0))) == ""

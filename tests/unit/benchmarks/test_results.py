@@ -102,8 +102,13 @@ def test_the_configuration_changes_with_the_profile(tmp_path: Path) -> None:
     copy.write_text(text)
     same = configuration(str(copy))
     assert same == configuration("g1")
-    copy.write_text(text + "\n# another\n")
-    assert configuration(str(copy)) != same
+    copy.write_text(text + "\n# another comment\n")
+    assert configuration(str(copy)) == same
+    copy.write_text("{extends: g1, laws: {balance: {dcm_gain: 4.0}}}")
+    other = configuration(str(copy))
+    assert other != same
+    (tmp_path / "top.yaml").write_text("extends: g1.yaml")
+    assert configuration(str(tmp_path / "top.yaml")) == other
     assert configuration("talos") != same
 
 

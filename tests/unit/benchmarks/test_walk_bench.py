@@ -18,7 +18,7 @@ from models.types import CommandReply, Mode
 
 def good() -> list[dict[str, Any]]:
     """Results of one perfect seed of TALOS."""
-    results = walk.cases("talos", 1)
+    results = walk.cases("talos", range(1))
     scores = {
         "fell": False,
         "reason": "",
@@ -36,12 +36,12 @@ def good() -> list[dict[str, Any]]:
 
 
 def test_a_contender_has_the_scenarios_that_need_no_modes_of_poise() -> None:
-    cases = walk.cases("g1", 2, contender="some.module:Class")
+    cases = walk.cases("g1", range(2), contender="some.module:Class")
     assert {case["kind"] for case in cases} == set(walk.CONTESTED)
     assert all(case["contender"] == "some.module:Class" for case in cases)
-    assert not any("contender" in case for case in walk.cases("g1", 2))
+    assert not any("contender" in case for case in walk.cases("g1", range(2)))
     with pytest.raises(ConfigError, match="unknown scenario 'stop'"):
-        walk.cases("g1", 1, ("stop",), "some.module:Class")
+        walk.cases("g1", range(1), ("stop",), "some.module:Class")
 
 
 def test_a_perfect_walk_passes() -> None:
@@ -69,7 +69,7 @@ def test_every_bound_decides(kind: str, change: dict[str, Any], says: str) -> No
 
 
 def test_a_choice_of_scenarios_is_judged_by_itself() -> None:
-    chosen = walk.cases("g1", 3, ("random", "left"))
+    chosen = walk.cases("g1", range(3), ("random", "left"))
     assert [case["scenario"] for case in chosen] == ["random", "left"] * 3
     figures, broken = walk.judge("talos", [case for case in good() if case["scenario"] in ("left", "top")])
     assert broken == []
@@ -78,7 +78,7 @@ def test_a_choice_of_scenarios_is_judged_by_itself() -> None:
 
 def test_an_unknown_scenario_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"--robot g1: unknown scenario 'uphill'; known: forward, .*stop, top"):
-        walk.cases("g1", 1, ("forward", "uphill"))
+        walk.cases("g1", range(1), ("forward", "uphill"))
 
 
 def test_the_top_speed_is_the_highest_that_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,11 +171,11 @@ def test_the_plot_shows_what_was_measured(tmp_path: Path) -> None:
 
 def test_an_unknown_robot_is_refused() -> None:
     with pytest.raises(ConfigError, match="no scenarios for 'atlas'"):
-        walk.cases("atlas", 1)
+        walk.cases("atlas", range(1))
 
 
 def test_the_cases_cover_every_scenario_and_seed() -> None:
-    cases = walk.cases("g1", 2)
+    cases = walk.cases("g1", range(2))
     names = {case["scenario"] for case in cases}
     assert names == {"forward", "backward", "left", "right", "turn", "random", "stop", "top"}
     assert len(cases) == 2 * len(names)

@@ -1,15 +1,18 @@
 """Profiles: what is accepted, and that every refusal names the file and the key."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from controllers.whole_body.config import load_balance_config, load_whole_body_config
 from models.errors import ConfigError, RobotModelError
 from models.profile import load_profile, robot_names
 from models.robot_model import RobotModel
+from planners.gait.config import load_gait_config
 
 Write = Callable[[dict[str, Any]], Path]
 
@@ -138,3 +141,45 @@ def test_limits_and_gains_of_a_joint_replace_those_of_urdf_and_motor(g1_data: di
     assert (model.tau_max[left], model.v_max[left], model.kp[left], model.kd[left]) == (7.0, 3.0, 11.0, 0.5)
     assert (model.tau_max[right], model.v_max[right]) == (139.0, 20.0)
     assert model.pin.effortLimit[6 + left] == 7.0
+
+
+def test_a_profile_may_extend_another(write: Write, tmp_path: Path) -> None:
+    above = write({"extends": "g1", "feet": {"friction": 0.5}, "laws": {"balance": {"dcm_gain": 4.0}}})
+    profile, packaged = load_profile(above), load_profile("g1")
+    assert (profile.name, profile.feet.friction, profile.source) == ("g1", 0.5, str(above))
+    assert profile.feet.left == packaged.feet.left and profile.joints == packaged.joints
+    (tmp_path / "top.yaml").write_text("{extends: mine.yaml, laws: {gait: {step_share: 0.8}}}")
+    top = load_profile(tmp_path / "top.yaml")
+    assert top.feet.friction == 0.5 and top.laws == {"balance": {"dcm_gain": 4.0}, "gait": {"step_share": 0.8}}
+    assert RobotModel(top).urdf == RobotModel(packaged).urdf
+
+
+def test_a_profile_that_extends_itself_is_refused(write: Write, tmp_path: Path) -> None:
+    (tmp_path / "other.yaml").write_text("extends: mine.yaml")
+    for name in ("mine.yaml", "other.yaml"):
+        with pytest.raises(ConfigError, match="extends this profile"):
+            load_profile(write({"extends": name}))
+
+
+def test_the_laws_of_a_profile_change_those_of_the_robot(write: Write) -> None:
+    packaged = RobotModel.load("g1")
+    laws = {"gait": {"swing": {"freeze": 0.05}}, "balance": {"dcm_gain": 4.0}, "whole_body": {"com": {"kp": 70.0}}}
+    model = RobotModel.load(write({"extends": "g1", "laws": laws}))
+    gait, before = load_gait_config(model), load_gait_config(packaged)
+    assert gait == replace(before, swing=replace(before.swing, freeze=0.05))
+    assert load_balance_config(model) == replace(load_balance_config(packaged), dcm_gain=4.0)
+    assert load_whole_body_config(model).com.kp == 70.0
+    assert load_whole_body_config(model).foot == load_whole_body_config(packaged).foot
+
+
+@pytest.mark.parametrize(
+    ("laws", "message"),
+    [
+        ({"gait": {"swing": {"frozen": 1.0}}}, r"laws.gait: swing.frozen: Unexpected keyword argument"),
+        ({"gait": {"step_share": 2.0}}, r"laws.gait: step_share: Input should be less than or equal to 1"),
+        ({"estimator": {}}, r"laws.estimator.*: Input should be 'gait', 'balance' or 'whole_body'"),
+    ],
+)
+def test_laws_that_do_not_exist_are_named(write: Write, laws: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load_gait_config(RobotModel.load(write({"extends": "g1", "laws": laws})))

@@ -1,0 +1,1 @@
+"""Other controllers as contenders: policies in files."""
