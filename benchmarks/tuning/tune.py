@@ -210,7 +210,8 @@ def search(config: TuneConfig, start: Parameters, losses: Losses, progress: Prog
     for generation in range(config.generations):
         points = [optimizer.ask() for _ in range(config.population)]
         found = losses([named(x) for x in points], generation)
-        optimizer.tell(list(zip(points, map(float, found), strict=True)))
+        if min(found) < max(found):  # equal losses say nothing, and would let the mean drift
+            optimizer.tell(list(zip(points, map(float, found), strict=True)))
         progress(generation, found, named(optimizer.mean))
     return named(optimizer.mean)
 

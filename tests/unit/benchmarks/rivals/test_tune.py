@@ -61,6 +61,11 @@ def test_the_search_finds_the_least_loss() -> None:
     assert tune.search(config, start, lambda candidates, _: [distance(each) for each in candidates]) == found
 
 
+def test_equal_losses_change_nothing() -> None:
+    start = {"gait.step_share": 0.9, "balance.dcm_gain": 5.0}
+    assert tune.search(CONFIG, start, lambda candidates, _: [0.0] * len(candidates)) == start
+
+
 def test_scenarios_are_those_of_their_generation_and_cover_every_sector() -> None:
     assert draw(CONFIG, 3) == draw(CONFIG, 3)
     judging = draw(CONFIG, CONFIG.generations)
