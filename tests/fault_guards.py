@@ -125,7 +125,7 @@ def _never_busy(self: Supervisor, name: str) -> CommandReply:
     return _start_motion(self, name)
 
 
-_load = profile.load_config
+_parse = profile.parse_config
 
 MONITOR = _of(JointMonitor, "step", _always(None))
 DELAY = _of(joint_monitor, "default_config", lambda *name: replace(default_config(*name), delay=0.003))
@@ -141,7 +141,11 @@ NAMES = _of(trajectory, "_check_names", lambda traj, model, require_all: np.aran
 TIMES = _of(trajectory._Check, "times", _always(None))
 POINTS = _of(trajectory._Check, "points", _always(None))
 SHAPES = _of(trajectory._Check, "shapes", _always(None))
-SCHEMA = _of(profile, "load_config", lambda schema, path: _load(schema, profile._robots_folder() / "g1.yaml"))
+SCHEMA = _of(
+    profile,
+    "parse_config",
+    lambda schema, data, source: _parse(schema, profile.read_yaml(profile._robots_folder() / "g1.yaml"), source),
+)
 
 GUARDS: dict[str, Guard] = {
     "joints_out_40ms": DRIVERS,

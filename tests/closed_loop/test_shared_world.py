@@ -31,7 +31,7 @@ def test_two_stand_and_walk_and_only_the_commanded_one_moves() -> None:
     shared.run(0.5)
     assert first.mode is second.mode is Mode.STAND
     still = second.truth.q[:2].copy()
-    way = _walk(shared, {"robot_1": (0.4, 0.0, 0.0)}, 2.5)
+    way = _walk(shared, {"robot_1": (0.4, 0.0, 0.0)}, 3.0)
     assert way["robot_1"] > 0.6
     assert np.linalg.norm(second.truth.q[:2] - still) < 0.01
     assert second.mode is Mode.STAND and second.foot_slip.max() < 0.001
@@ -71,7 +71,7 @@ def test_one_stops_before_the_other() -> None:
     first, second = shared["robot_1"], shared["robot_2"]
     shared.run(0.2)
     assert first.command("forward").accepted
-    shared.run(5.0)
+    shared.run(6.0)
     assert not first.fallen and not second.fallen
     assert any("obstacle stop: " in text and "free" not in text for _, text in first.events)
     assert not first.gait.walking

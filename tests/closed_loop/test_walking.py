@@ -39,7 +39,7 @@ def test_walks_forward_turns_and_stops() -> None:
 
     steps = loop.gait.steps
     assert loop.command("stop").accepted
-    loop.run(2.0)
+    loop.run(3.0)
     assert loop.mode is Mode.STAND and not loop.fallen
     assert loop.gait.steps - steps <= 2
     place = loop.truth.q[:2].copy()

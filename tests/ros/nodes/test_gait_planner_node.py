@@ -304,10 +304,11 @@ def test_timed_footsteps_start_where_the_soles_are_and_refusals_have_reasons(rob
     assert "does not stand on both soles" in plan(goal(1.0, 0.0, 0.0)).message
     robot.stack.gait.step(robot.state, 1e-3)
     answer = plan(goal(0.0, 0.5, 0.0))
-    timing = robot.node._config.timing
+    config = robot.node._config
+    single = config.pace.between(config.route.pace, "single")
     times = [step.time_from_start.sec + 1e-9 * step.time_from_start.nanosec for step in answer.footsteps]
-    assert answer.success and times[0] == pytest.approx(timing.start + timing.single)
-    assert np.diff(times) == pytest.approx(timing.single + timing.double)
+    assert answer.success and times[0] == pytest.approx(config.timing.start + single)
+    assert np.diff(times) == pytest.approx(config.period)
     assert [step.side for step in answer.footsteps[:2]] == ["left", "right"]
     assert {step.pose.header.frame_id for step in answer.footsteps} == {"odom"}
     assert "30.0 m away" in plan(goal(30.0, 0.0, 0.0)).message
