@@ -17,7 +17,7 @@ app = typer.Typer()
 
 @app.command()
 def tune(
-    search: Annotated[str, typer.Argument(help="YAML file of the search, or the name of a packaged one: recovery.")],
+    search: Annotated[str, typer.Argument(help="YAML file of the search, or the name of a packaged one.")] = "recovery",
     robot: Annotated[str, typer.Option(help="Robot profile, by name or path.")] = "g1",
     out: Annotated[Path | None, typer.Option(help="Profile to write; out/tune/ROBOT.yaml by default.")] = None,
     results: Annotated[
