@@ -145,11 +145,12 @@ class Soles:
         """
         return _plane(soles.slope, foot, soles.holds[foot], measured) + soles.rise[foot]
 
-    def landed(self, soles: SoleState, foot: int, measured: Measurement) -> SoleState:
+    def landed(self, soles: SoleState, foot: int, measured: Measurement, *, flat: bool = True) -> SoleState:
         """After the touchdown of a foot, at its measured place.
 
         The expected height follows by a bounded step: a repeated error adds up, a single bump hardly counts. The
-        expected slope is the median of the last soles in single support: one that stood on an edge does not count.
+        expected slope is the median of the last soles in single support: one that stood on an edge does not count. Nor
+        does the other sole now unless it is ``flat``: on an edge, the expected slope is taken for its own.
         """
         config, sole = self._config.swing, measured.soles[foot]
         surprise = sole.z - _plane(soles.slope, foot, sole, measured) - soles.rise[foot]
@@ -157,7 +158,7 @@ class Soles:
         rise = min(max(followed, -config.rise_max), config.rise_max)
         tilts = soles.tilts.copy()
         tilts[foot] = measured.tilts[foot]
-        samples = np.vstack([soles.samples[1:], measured.tilts[1 - foot]])
+        samples = np.vstack([soles.samples[1:], measured.tilts[1 - foot]]) if flat else soles.samples
         steepest = self._config.ground.slope_max
         return SoleState(
             holds=replaced(soles.holds, foot, sole),

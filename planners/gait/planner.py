@@ -369,7 +369,8 @@ class GaitPlanner:
         gait.early = max(gait.step.time - gait.elapsed, 0.0)
         missed = abs(gait.step.time - gait.elapsed) * math.hypot(*gait.dcm_rate.tolist())  # uneven ground [m]
         gait.urgency = urgency_after(gait.urgency, missed, 0.0, self.config.pace)
-        gait.soles = self._soles.landed(gait.soles, foot, gait.measured)
+        x_min, x_max, y_min, y_max = gait.footing.areas[1 - foot].tolist()
+        gait.soles = self._soles.landed(gait.soles, foot, gait.measured, flat=x_min < x_max and y_min < y_max)
         gait.stance = foot
         gait.step = structs.replace(gait.step, double=gait.pace.double)
         command = self._commands.landed(gait.command, gait.soles.holds)
