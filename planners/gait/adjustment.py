@@ -15,6 +15,7 @@ from planners.gait.config import AdjustmentConfig, GaitConfig
 from planners.gait.contact import Soles
 from planners.gait.dcm import StepModel, offset_coupling, previewed_offset, swing_allowance
 from planners.gait.footsteps import (
+    Feet,
     Foothold,
     Point,
     Pose,
@@ -256,8 +257,10 @@ class StepPlanner:
         cop = config.adjustment.cop_share * nearest
         model = StepModel(soles.points, leg)
         self._nominal = _Nominal(*(np.zeros(2) for _ in _Nominal._fields))
-        passage = Passage(self._corner, boxes, speed, quickest)
-        self._setup = unbox(_Setup(model, law.going_on, law.ending, passage, cop, soles.half, law.qp, self._nominal))
+        self._soles, self._passage = soles, Passage(self._corner, boxes, speed, quickest)
+        self._setup = unbox(
+            _Setup(model, law.going_on, law.ending, self._passage, cop, soles.half, law.qp, self._nominal)
+        )
 
     def nominal(self, walk: Walk) -> tuple[Foothold, Vector]:
         """Next foothold, and the DCM offset at its touchdown in W (2,) [m]."""
@@ -266,6 +269,13 @@ class StepPlanner:
         ends = walk.command.steps_left is not None
         offset = _nominal_offset(self._setup, poses, walk.foot, ends, walk.omega, walk.pace)
         return Foothold(x, y, yaw, walk.stance.z), np.array(offset)
+
+    def missed(self, holds: Feet, foot: int, dcm: Vector, omega: float) -> float:
+        """Distance by which a quick step of a foot from standing misses a DCM (2,) [m]; see ``regions.missed``."""
+        stance, points = holds[1 - foot], self._soles.points.tolist()
+        origin = Foothold(*stance.moved(*points[1 - foot]), stance.yaw)
+        place = origin.relative(*holds[foot].moved(*points[foot]))
+        return missed(origin.relative(*dcm), place, foot, self._soles.half[1 - foot], omega, self._passage)
 
     def start_of_single(self, walk: Walk) -> Vector:
         """DCM at which the coming single support begins (2,) [m]."""

@@ -95,28 +95,6 @@ class Soles:
         share = self._config.step_share
         return abs(x) > share * length or abs(y) > share * width
 
-    def missed(self, holds: Feet, stance: int, dcm: Vector, omega: float) -> float:
-        """Distance of a DCM (2,) [m] from the box of both soles after the quickest step of the other foot [m].
-
-        The DCM moves away from the point of the stance sole that is nearest to it; the foot lands as near to it as its
-        reach and its speed allow, unturned.
-        """
-        config, reach, foot = self._config, self._config.reach, 1 - stance
-        time, half = config.timing.single_urgent, self.half[stance]
-        origin = Foothold(*holds[stance].moved(*self._points[stance]), holds[stance].yaw)
-        at, liftoff = np.array(origin.relative(*dcm)), np.array(origin.relative(*self.point_of(foot, holds[foot])))
-        cop = np.clip(at, -half, half)
-        end = cop + (at - cop) * math.exp(omega * time)
-        near, far = (reach.width_min, reach.width_urgent) if foot == 0 else (-reach.width_urgent, -reach.width_min)
-        way = config.swing.speed_max * time
-        lower, upper = (
-            np.maximum((-reach.backward, near), liftoff - way),
-            np.minimum((reach.forward, far), liftoff + way),
-        )
-        landing = np.minimum(np.maximum(end, lower), upper)
-        outside = np.maximum(np.minimum(landing, 0.0) - half - end, end - np.maximum(landing, 0.0) - half)
-        return float(np.linalg.norm(np.maximum(outside, 0.0)))
-
     def astride(self, holds: Feet, allowed: float) -> bool:
         """Whether one sole is farther from its place in the nominal stance than ``allowed`` [m]."""
         left, right = holds

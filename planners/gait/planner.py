@@ -446,7 +446,7 @@ class GaitPlanner:
         gait, omega = self.state, self._omega()
         dcm, holds = gait.measured.dcm(omega), gait.soles.holds
         ahead, gait.stance = dcm + self.config.push_horizon * gait.dcm_rate, self._soles.nearest(holds, dcm)
-        missed = [self._soles.missed(holds, foot, ahead, omega) for foot in range(2)]
+        missed = [self._plan.missed(holds, 1 - stance, ahead, omega) for stance in range(2)]
         if missed[1 - gait.stance] < missed[gait.stance] - _SWAP_ADVANTAGE:
             gait.stance = 1 - gait.stance
         gait.command = gait.command.counted(2)

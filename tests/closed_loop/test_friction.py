@@ -1,4 +1,4 @@
-"""Slippery ground that no law is told of, and slippery ground that is expected."""
+"""Slippery ground that no law expects, and slippery ground that is expected."""
 
 from bridge.closed_loop import ClosedLoop
 
