@@ -130,7 +130,7 @@ class WholeBodyConfig:
     posture_leg_scale: NonNegative  #: Factor on the posture weight of the leg joints [-]
     #: Factor on the weight of a swing foot's roll, so that it rolls at a limit of its ankle [-]
     foot_roll_scale: NonNegative
-    foot_pitch_scale: NonNegative  #: The same for its pitch [-]
+    foot_pitch_scale: NonNegative  #: The same for its pitch: the foot tips rather than the body [-]
     contact: ContactConfig
     limits: LimitConfig
     solver: SolverConfig

@@ -288,8 +288,8 @@ class StepPlanner:
     ) -> PlannedStep:
         """The best step, ``elapsed`` [s] after its lift-off; ``step`` is the last plan, at lift-off the nominal one.
 
-        Of an urgent step, every region is tried. Another one than that of the last plan must be better by the share
-        ``adjustment.switch`` of its own objective.
+        Of an urgent step, every region is tried. Another one than that of the last plan must be better by
+        ``adjustment.switch``.
         """
         config, poses, omega, dcm = self._config, self._coming(walk), walk.omega, measured.dcm(walk.omega)
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
@@ -314,7 +314,7 @@ class StepPlanner:
                     break
                 corner = blocked
             cost = value + lacking + config.adjustment.capture * missed**2
-            cost *= 1.0 if kept else 1.0 + config.adjustment.switch
+            cost += 0.0 if kept else config.adjustment.switch
             if best is None or cost < least:
                 best, least = (region, z, solved, corner), cost
         assert best is not None

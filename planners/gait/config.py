@@ -138,7 +138,7 @@ class AdjustmentConfig:
     cop_share: NonNegative  #: Share of the sole that the CoP offset may use [-]
     urgent: Positive  #: Distance of the DCM from its reference at which steps are as quick as they can be [m]
     capture: NonNegative  #: Weight of how far the next step would miss the DCM, by which regions are ranked [1/m^2]
-    switch: NonNegative  #: Advantage for which a foot under way turns to another region, share of its objective [-]
+    switch: NonNegative  #: Advantage of the objective for which a foot under way turns to another region [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -163,8 +163,7 @@ class GroundConfig:
     #: Time constant with which the tilt of a sole that has just landed is taken as the ground's [s]
     settle_time: Positive
     anchor_time: Positive  #: The same of a sole that bears: one that tips is drawn back to where it stood [s]
-    settled: Positive  #: Time in single support from which the tilt of the stance sole is the ground's [s]
-    #: Soles, with the one that stands, over which the slope expected at the next landing is the median
+    #: Steps over whose soles the slope expected at the next landing is the median
     slope_steps: Annotated[int, Field(ge=1, le=9)]
     slope_max: Positive  #: Steepest expected slope [-]
 

@@ -267,9 +267,6 @@ class GaitPlanner:
         measured, elapsed, left = gait.measured, gait.elapsed, gait.step.time - gait.elapsed
         if elapsed >= gait.step.next_adjustment and left > config.swing.freeze:
             self._adjust(elapsed)
-            if elapsed > config.ground.settled and self._lies_flat(gait.stance):
-                gait.soles, doubt = self._soles.standing_on(gait.soles, gait.stance, measured)
-                gait.urgency = urgency_after(gait.urgency, doubt, 0.0, config.pace)
             gait.step = structs.replace(gait.step, next_adjustment=elapsed + config.timing.adjust_period)
         elif left < 0.0:
             self._shift_late_target()
@@ -372,7 +369,8 @@ class GaitPlanner:
         gait.early = max(gait.step.time - gait.elapsed, 0.0)
         missed = abs(gait.step.time - gait.elapsed) * math.hypot(*gait.dcm_rate.tolist())  # uneven ground [m]
         gait.urgency = urgency_after(gait.urgency, missed, 0.0, self.config.pace)
-        gait.soles = self._soles.landed(gait.soles, foot, gait.measured, flat=self._lies_flat(1 - foot))
+        x_min, x_max, y_min, y_max = gait.footing.areas[1 - foot].tolist()
+        gait.soles = self._soles.landed(gait.soles, foot, gait.measured, flat=x_min < x_max and y_min < y_max)
         gait.stance = foot
         gait.step = structs.replace(gait.step, double=gait.pace.double)
         command = self._commands.landed(gait.command, gait.soles.holds)
@@ -385,11 +383,6 @@ class GaitPlanner:
         else:
             self._enter(GaitPhase.DOUBLE)
         gait.command = command
-
-    def _lies_flat(self, foot: int) -> bool:
-        """Whether a planted sole bears on an area, not on an edge."""
-        x_min, x_max, y_min, y_max = self.state.footing.areas[foot].tolist()
-        return bool(x_min < x_max and y_min < y_max)
 
     def _loads(self) -> tuple[float, float]:
         """Share of the weight on each foot, from the ZMP of the reference between them."""

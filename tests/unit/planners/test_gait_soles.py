@@ -68,21 +68,10 @@ def test_a_foot_is_expected_to_land_in_the_slope_of_the_last_soles(law: Soles, s
     assert soles.slope[0] == CONFIG.ground.slope_max
 
 
-def test_a_sole_that_is_inclined_otherwise_than_the_last_one_counts_half(law: Soles, soles: SoleState) -> None:
-    inclined = measured(tilt=(-0.1, 0.0))
-    ahead = structs.replace(soles, holds=(Foothold(0.3, 0.1, 0.0), soles.holds[1]))
-    after, doubt = law.standing_on(ahead, 1, inclined)
-    assert after.slope == pytest.approx([-0.05, 0.0])
-    assert doubt == pytest.approx(0.3 * 0.05)
-    assert after.samples is ahead.samples  # counted once, at the landing
-    after, doubt = law.standing_on(law.landed(ahead, 0, inclined), 0, inclined)
-    assert after.slope == pytest.approx([-0.1, 0.0])
-    assert doubt == pytest.approx(0.0)
-
-
-def test_a_sole_on_an_edge_is_no_slope(law: Soles, soles: SoleState) -> None:
-    soles = law.landed(soles, 0, measured(tilt=(0.2, 0.0)), flat=False)
-    assert not soles.slope.any()
+def test_one_sole_on_an_edge_is_no_slope(law: Soles, soles: SoleState) -> None:
+    for i, tilt in enumerate((0.0, 0.2, 0.01, 0.0)):
+        soles = law.landed(soles, i % 2, measured(tilt=(tilt, 0.0)))
+        assert soles.slope[0] <= 0.01
 
 
 def test_a_sole_that_has_just_landed_lies_down_and_one_that_tips_does_not(law: Soles, soles: SoleState) -> None:
