@@ -437,6 +437,7 @@ class GaitPlanner:
         """From standing: shift the weight to the foot that does not swing first."""
         gait = self.state
         gait.stance = 1 - gait.command.first_foot
+        gait.step = structs.replace(gait.step, double=gait.pace.double)
         gait.dcm = gait.dcm.begin_blend()
         gait.command = gait.command.counted(None)
         self._enter(GaitPhase.START)
