@@ -420,7 +420,7 @@ class GaitPlanner:
             dcm_rate=np.zeros(2),
             soles=soles,
             footing=self._footing.whole(before.footing),
-            step=structs.replace(before.step, urgent=False),
+            step=self._at_rest(before.step),
             dcm=DcmState.at_rest(measured.com[:2], before.dcm.old),
             body=BodyState(float(measured.com[2]) - soles.ground()),
             airborne=self._airborne.on_floor,
@@ -437,7 +437,6 @@ class GaitPlanner:
         """From standing: shift the weight to the foot that does not swing first."""
         gait = self.state
         gait.stance = 1 - gait.command.first_foot
-        gait.step = structs.replace(gait.step, double=gait.pace.double)
         gait.dcm = gait.dcm.begin_blend()
         gait.command = gait.command.counted(None)
         self._enter(GaitPhase.START)
@@ -458,8 +457,12 @@ class GaitPlanner:
         gait = self.state
         gait.phase, gait.elapsed, gait.settled, gait.toe_off = phase, 0.0, 0.0, FLAT
         if phase is GaitPhase.STAND:
-            gait.step = structs.replace(gait.step, urgent=False)
+            gait.step = self._at_rest(gait.step)
             gait.dcm = gait.dcm.begin_blend()
+
+    def _at_rest(self, step: StepState) -> StepState:
+        """The step from which a standing robot starts: nothing of the last one affects the next."""
+        return structs.replace(step, urgent=False, double=self.config.pace.slow.double)
 
     @property
     def _rest_dcm(self) -> Vector:

@@ -88,6 +88,8 @@ def test_a_walk_repeats_bit_for_bit() -> None:
 
     loop = ClosedLoop("g1", seed=6, record=False)
     first = run()
+    loop.set_velocity(1.0, 0.0, 0.0)  # at another pace
+    loop.run(2.5)
     loop.reset()
     assert (run() == first).all()
 
