@@ -163,7 +163,8 @@ class GroundConfig:
     #: Time constant with which the tilt of a sole that has just landed is taken as the ground's [s]
     settle_time: Positive
     anchor_time: Positive  #: The same of a sole that bears: one that tips is drawn back to where it stood [s]
-    #: Steps over whose soles the slope expected at the next landing is the median
+    settled: Positive  #: Time in single support from which the tilt of the stance sole is the ground's [s]
+    #: Soles, with the one that stands, over which the slope expected at the next landing is the median
     slope_steps: Annotated[int, Field(ge=1, le=9)]
     slope_max: Positive  #: Steepest expected slope [-]
 

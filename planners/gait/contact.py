@@ -5,7 +5,7 @@ from statistics import median
 from typing import NamedTuple
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed, unbox
@@ -127,8 +127,8 @@ class Soles:
         """After the touchdown of a foot, at its measured place.
 
         The expected height follows by a bounded step: a repeated error adds up, a single bump hardly counts. The
-        expected slope is the median of the last soles in single support: one that stood on an edge does not count. Nor
-        does the other sole now unless it is ``flat``: on an edge, the expected slope is taken for its own.
+        expected slope is the median of the last soles in single support. The other sole does not count now unless it
+        is ``flat``: on an edge, the expected slope is taken for its own.
         """
         config, sole = self._config.swing, measured.soles[foot]
         surprise = sole.z - _plane(soles.slope, foot, sole, measured) - soles.rise[foot]
@@ -137,15 +137,24 @@ class Soles:
         tilts = soles.tilts.copy()
         tilts[foot] = measured.tilts[foot]
         samples = np.vstack([soles.samples[1:], measured.tilts[1 - foot]]) if flat else soles.samples
-        steepest = self._config.ground.slope_max
         return SoleState(
             holds=replaced(soles.holds, foot, sole),
             tilts=tilts,
-            slope=np.clip([median(axis) for axis in samples.T.tolist()], -steepest, steepest),
+            slope=self._expected_slope(samples),
             rise=(rise, soles.rise[1]) if foot == 0 else (soles.rise[0], rise),
             samples=samples,
             measured=soles.measured,
         )
+
+    def standing_on(self, soles: SoleState, stance: int, measured: Measurement) -> SoleState:
+        """In single support: the expected slope with that of the ``stance`` sole as the last sample."""
+        samples = np.vstack([soles.samples[1:], measured.tilts[stance]])
+        return structs.replace(soles, slope=self._expected_slope(samples))
+
+    def _expected_slope(self, samples: Matrix) -> Vector:
+        """Median of the slopes of the last soles (n, 2), bounded (2,) [-]."""
+        steepest = self._config.ground.slope_max
+        return np.clip([median(axis) for axis in samples.T.tolist()], -steepest, steepest)
 
     def followed(
         self, soles: SoleState, measured: Measurement, swinging: int | None, landed: int | None, dt: float

@@ -18,7 +18,7 @@ from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.contact import AirborneDetector, Soles
 from planners.gait.dcm import DcmState, single_support
 from planners.gait.footing import FLAT, Footing
-from planners.gait.footsteps import Feet, Foothold, clamped, replaced, wrap
+from planners.gait.footsteps import Feet, Foothold, Point, clamped, replaced, wrap
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Ground, Measurement, filtered_dcm_rate
 from planners.gait.pace import longest_step, lost_share, pace_at, share_of, share_within, urgency_after
 from planners.gait.reaction import SwingLeg, leg_lever
@@ -267,9 +267,10 @@ class GaitPlanner:
         measured, elapsed, left = gait.measured, gait.elapsed, gait.step.time - gait.elapsed
         if elapsed >= gait.step.next_adjustment and left > config.swing.freeze:
             self._adjust(elapsed)
+            if elapsed > config.ground.settled and self._lies_flat(gait.stance):
+                gait.soles = self._soles.standing_on(gait.soles, gait.stance, measured)
             gait.step = structs.replace(gait.step, next_adjustment=elapsed + config.timing.adjust_period)
-        elif left < 0.0:
-            self._shift_late_target()
+        target_velocity = self._shift_late_target(dt) if left < 0.0 else (0.0, 0.0)
         target, sole, urgent = gait.soles.holds[foot], measured.soles[foot], gait.step.urgent
         yaw = float(gait.swing.position[3])
         height = self._soles.landing_height(gait.soles, foot, measured)
@@ -281,21 +282,25 @@ class GaitPlanner:
         lead = config.swing.urgent_lead if urgent else 0.0
         duration = gait.step.time - lead
         slope, via, effort = gait.soles.slope, gait.step.via, gait.pace.least_effort
-        gait.swing = self._swing.step(swing, pose, slope, elapsed, duration, dt, via, effort)
+        gait.swing = self._swing.step(swing, pose, slope, elapsed, duration, dt, via, effort, target_velocity)
         gait.dcm, cmp_offset = self._single_support()
         if measured.active[foot] and elapsed > config.timing.landing_from * gait.step.time:
             self._land(foot)
         return cmp_offset
 
     def _single_support(self) -> tuple[DcmState, Vector]:
-        """DCM reference of the rest of the swing, and present CMP minus CoP (2,) [m]."""
+        """DCM reference of the rest of the swing, and present CMP minus CoP (2,) [m].
+
+        While the foot is late, the reference rests: the ankle of the stance foot holds the DCM.
+        """
         gait, measured = self.state, self.state.measured
         target, left = gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
         foot = gait.swing
         swing = foot.motion, foot.floor, foot.clearance, foot.duration, foot.braking, (target.x, target.y)
         point, body, out = self._stance_point(), (measured.com, measured.com_velocity), np.empty((3, 2))
         single_support(point, gait.step.touchdown, self._omega(), left, swing, body, self._leg, out)
-        return gait.dcm.in_single(point, out[0], out[1]), out[2]
+        moving = min(max(1.0 + left / self.config.swing.late_time, 0.0), 1.0)
+        return gait.dcm.in_single(point, out[0], moving * out[1]), out[2]
 
     def _stance_point(self) -> Vector:
         """ZMP point of the stance foot (2,) [m]."""
@@ -351,17 +356,18 @@ class GaitPlanner:
             unsolved=step.unsolved + (not plan.solved),
         )
 
-    def _shift_late_target(self) -> None:
-        """Move the target of a late foot with the DCM, so that it lands as planned relative to it."""
+    def _shift_late_target(self, dt: float) -> Point:
+        """Move the target of a late foot with the DCM, so that it lands as planned relative to it; how fast [m/s]."""
         gait, foot, holds = self.state, 1 - self.state.stance, self.state.soles.holds
         target, run = holds[foot], gait.measured.dcm(self._omega()) - gait.step.touchdown
         limits = self._regions[gait.step.region]
         x, y = target.x + float(run[0]), target.y + float(run[1])
         shifted = clamped(holds[gait.stance], foot, x, y, target.yaw, limits)
-        touchdown = gait.step.touchdown + np.array([shifted.x - target.x, shifted.y - target.y])
-        gait.step = structs.replace(gait.step, touchdown=touchdown)
+        way = shifted.x - target.x, shifted.y - target.y
+        gait.step = structs.replace(gait.step, touchdown=gait.step.touchdown + np.array(way))
         hold = Foothold(shifted.x, shifted.y, shifted.yaw, target.z)
         gait.soles = structs.replace(gait.soles, holds=replaced(holds, foot, hold))
+        return way[0] / dt, way[1] / dt
 
     def _land(self, foot: int) -> None:
         gait = self.state
@@ -369,8 +375,7 @@ class GaitPlanner:
         gait.early = max(gait.step.time - gait.elapsed, 0.0)
         missed = abs(gait.step.time - gait.elapsed) * math.hypot(*gait.dcm_rate.tolist())  # uneven ground [m]
         gait.urgency = urgency_after(gait.urgency, missed, 0.0, self.config.pace)
-        x_min, x_max, y_min, y_max = gait.footing.areas[1 - foot].tolist()
-        gait.soles = self._soles.landed(gait.soles, foot, gait.measured, flat=x_min < x_max and y_min < y_max)
+        gait.soles = self._soles.landed(gait.soles, foot, gait.measured, flat=self._lies_flat(1 - foot))
         gait.stance = foot
         gait.step = structs.replace(gait.step, double=gait.pace.double)
         command = self._commands.landed(gait.command, gait.soles.holds)
@@ -383,6 +388,11 @@ class GaitPlanner:
         else:
             self._enter(GaitPhase.DOUBLE)
         gait.command = command
+
+    def _lies_flat(self, foot: int) -> bool:
+        """Whether a planted sole bears on an area, not on an edge."""
+        x_min, x_max, y_min, y_max = self.state.footing.areas[foot].tolist()
+        return bool(x_min < x_max and y_min < y_max)
 
     def _loads(self) -> tuple[float, float]:
         """Share of the weight on each foot, from the ZMP of the reference between them."""

@@ -172,16 +172,19 @@ class SwingFoot:
         dt: float,
         via: Via | None = None,
         effort: float = 0.0,
+        target_velocity: Point = (0.0, 0.0),
     ) -> SwingState:
         """Advance by ``dt`` towards a pose x, y, z, yaw (4,) on a slope (2,); times count from lift-off [s].
 
-        ``effort`` is the part of the path that is that of least effort [-].
+        ``effort`` is the part of the path that is that of least effort [-]. ``target_velocity`` is that of the target
+        of a late foot in W [m/s].
         """
         motion, tilt, rising_until = swing.motion.copy(), swing.tilt.copy(), swing.rising_until
         heights = swing.floor, swing.clearance
         limits, passing = self._limits, via or NO_VIA
         braking = _braking(swing.start, target.tolist(), duration, effort)
-        _advance(limits, motion, tilt, braking, target, slope, heights, rising_until, passing, elapsed, duration, dt)
+        times = elapsed, duration, dt
+        _advance(limits, motion, tilt, braking, target, target_velocity, slope, heights, rising_until, passing, times)
         return structs.replace(swing, motion=motion, duration=duration, tilt=tilt, braking=braking)
 
 
@@ -227,26 +230,26 @@ def _advance(
     tilt: Vector,
     braking: Point,
     target: Vector,
+    target_velocity: Point,
     slope: Vector,
     heights: Point,
     rising_until: float,
     via: Via,
-    elapsed: float,
-    duration: float,
-    dt: float,
+    times: tuple[float, float, float],
 ) -> None:
     """One tick of the motion (3, 4) and the slope (2,) of the sole: ``SwingFoot.step``.
 
-    ``heights`` are those at lift-off, in W, and of the apex above it [m].
+    ``heights`` are those at lift-off, in W, and of the apex above it [m]; ``times`` are those since lift-off and of
+    the whole swing, and the tick [s].
     """
-    limits, (floor, clearance) = constants.record, heights
+    limits, (floor, clearance), (elapsed, duration, dt) = constants.record, heights, times
     shape, share = limits.shape, min(dt / limits.tilt_time, 1.0)
     for i in range(2):
         tilt[i] += share * (slope[i] - tilt[i])
     left = duration - elapsed + dt
     if left < dt:
         for i in range(2):
-            rate = (target[i] - motion[0, i]) / limits.late_time
+            rate = (target[i] - motion[0, i]) / limits.late_time + target_velocity[i]
             motion[0, i], motion[1, i] = motion[0, i] + dt * rate, rate
         sinking = motion[0, Z] > target[Z] - limits.depth_max
         motion[1, Z], motion[1, YAW] = -limits.late_velocity if sinking else 0.0, 0.0

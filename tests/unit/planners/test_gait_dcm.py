@@ -1,12 +1,17 @@
 """DCM reference: the closed forms against integration, and the recursion against what it promises."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from models.robot_model import RobotModel
 from planners.gait import dcm
+from planners.gait.state import GaitPhase
+from tests.gaits import DT, in_single_support, on_one_foot
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
+from tests.support import standing
 
 POINTS = [np.array(p) for p in ([0.0, -0.1], [0.15, 0.1], [0.3, -0.1], [0.42, 0.1], [0.5, -0.1])]
 
@@ -99,3 +104,17 @@ def test_a_blend_meets_both_ends() -> None:
 def test_a_sudden_transfer_counts_in_full() -> None:
     assert dcm.transfer_share(OMEGA, 0.0) == 1.0
     assert dcm.transfer_share(OMEGA, 1e-6) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_the_reference_rests_while_a_foot_is_late(g1: RobotModel) -> None:
+    planner, rates = in_single_support(g1), []
+    late_time = planner.config.swing.late_time
+    while planner.state.elapsed < planner.state.step.time + late_time + 2 * DT:
+        state = standing(g1, planner.state.elapsed, shares=on_one_foot(planner.stance))
+        left = planner.state.step.time - planner.state.elapsed
+        rates.append((left, float(np.linalg.norm(planner.step(state, DT).dcm_velocity))))
+    assert planner.phase is GaitPhase.SINGLE
+    assert min(rate for left, rate in rates if left > 0.0) > 0.02
+    assert rates[-1][1] == 0.0
+    fading = [rate for left, rate in rates if -late_time < left < 0.0]
+    assert all(after < before for before, after in pairwise(fading))

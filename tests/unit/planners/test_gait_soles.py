@@ -74,6 +74,21 @@ def test_one_sole_on_an_edge_is_no_slope(law: Soles, soles: SoleState) -> None:
         assert soles.slope[0] <= 0.01
 
 
+def test_the_stance_sole_counts_for_the_slope_before_the_next_landing(law: Soles, soles: SoleState) -> None:
+    inclined = measured(tilt=(-0.1, 0.0))
+    assert not law.standing_on(soles, 1, inclined).slope.any()  # one sole may lie on an edge
+    landed = law.landed(soles, 0, inclined)
+    after = law.standing_on(landed, 0, inclined)
+    assert after.slope == pytest.approx([-0.1, 0.0])
+    assert after.samples is landed.samples  # it counts once, at the landing
+
+
+def test_a_sole_on_an_edge_does_not_count_for_the_slope(law: Soles, soles: SoleState) -> None:
+    for _ in range(CONFIG.ground.slope_steps):
+        soles = law.landed(soles, 0, measured(tilt=(0.2, 0.0)), flat=False)
+    assert not soles.slope.any()
+
+
 def test_a_sole_that_has_just_landed_lies_down_and_one_that_tips_does_not(law: Soles, soles: SoleState) -> None:
     tipped = measured(loads=(0.5, 0.5), tilt=(0.1, 0.0))
     after, _ = law.followed(soles, tipped, None, 0, CONFIG.ground.settle_time)

@@ -70,6 +70,16 @@ def test_a_late_foot_follows_its_target() -> None:
     assert rows[-1, 0, 1] == pytest.approx(0.1 + 0.04 * (1.0 - np.exp(-1.0)), abs=1e-3)
 
 
+def test_a_late_foot_does_not_lag_behind_a_target_that_moves() -> None:
+    velocity, foot = 0.5, FOOT.lift(START, CLEARANCE, DURATION, LEVEL)
+    for i in range(600):
+        late = (i + 1) * DT - DURATION
+        target = np.array([0.3 + velocity * max(late, 0.0), 0.1, 0.0, 0.0])
+        foot = FOOT.step(foot, target, LEVEL, (i + 1) * DT, DURATION, DT, target_velocity=(velocity, 0.0))
+    assert foot.position[0] == pytest.approx(target[0], abs=1e-3)
+    assert foot.velocity[0] == pytest.approx(velocity, abs=1e-2)
+
+
 TARGET = np.array([0.3, 0.1, 0.0, 0.0])
 
 
