@@ -182,7 +182,6 @@ class FootingConfig:
     rest: Positive  #: Time at rest after which its orientation counts [s]
     fallen: Positive  #: Least rotation of a sole at rest that has found ground on the other side of the edge [rad]
     regain: Positive  #: Speed at which the area of a sole at rest that has turned less grows again [m/s]
-    strip: Positive  #: Least width of the area [m]
     grain: Positive  #: Resolution of the areas: each change costs the QP a new wrench cone [m]
     rim: Positive  #: Distance of the CoP from the rim up to which a sole may have tipped over it [m]
     tipped: Positive  #: Angle over the rim from which a sole bears on it alone; half of it ends that [rad]

@@ -1,4 +1,4 @@
-"""Partial contact: the part of each planted sole that bears. A sole that turns over an edge has ground on one side."""
+"""Partial contact: the part of each planted sole that bears. A sole that turns over an edge bears on it alone."""
 
 from dataclasses import astuple
 from typing import NamedTuple
@@ -69,7 +69,6 @@ class FootingLimits(NamedTuple):
     rest: float
     fallen: float
     regain: float
-    strip: float
     grain: float
     rim: float
     tipped: float
@@ -110,8 +109,8 @@ class FootingState(Struct, frozen=True):
 class Footing:
     """Determines the rectangle of each sole that has ground under it.
 
-    A sole that bears and turns has its CoP on the edge that it turns over, and nothing under the side that goes down.
-    That side is removed, because a CoP commanded there is what turns the sole. A sole whose CoP moves while it turns
+    A sole that bears and turns has its CoP on the edge that it turns over, and ground under that line alone: it is an
+    edge contact, since a CoP commanded beside the line is what turns the sole. A sole whose CoP moves while it turns
     rolls flat and has no edge under it, and one that falls back to its last orientation turns over nothing new. One
     that comes to rest turned has found ground on the other face of the edge, a slope or a lower tile, and is whole
     again; one that came back or went no farther grows again while it lies still. A foot that lifts lands on its whole
@@ -165,7 +164,7 @@ class Footing:
     ) -> FootingState:
         """One tick; ``swinging`` (None in double support) lands on a whole sole, or on its rim.
 
-        ``slope`` is that of the ground where it lands (2,) [-]. While ``urgent``, soles lose no side that goes down.
+        ``slope`` is that of the ground where it lands (2,) [-]. While ``urgent``, soles turn over no edge.
         ``toe_off`` is that of the rear foot in double support, which bears on the edge.
         """
         block, areas, foot = footing.block.copy(), footing.areas.copy(), -1 if swinging is None else swinging
@@ -183,23 +182,10 @@ class Footing:
 
 
 @register_jitable
-def _cut(
-    low: float,
-    high: float,
-    whole_low: float,
-    whole_high: float,
-    edge: float,
-    speed: float,
-    angle: float,
-    fallen: float,
-    limits: FootingLimits,
-) -> tuple[float, float]:
-    """Remove the side that goes down, except while the sole falls back or the other side is removed."""
-    if speed > limits.turning and min(angle, fallen) > limits.turned and high == whole_high:
-        low = max(low, min(edge, high - limits.strip))
-    elif speed < -limits.turning and max(angle, fallen) < -limits.turned and low == whole_low:
-        high = min(high, max(edge, low + limits.strip))
-    return low, high
+def _turns(speed: float, turned: float, fallen: float, limits: FootingLimits) -> bool:
+    """Whether a sole turns over an edge, and not back to how it lay."""
+    onward = turned * speed > 0.0 and fallen * speed > 0.0
+    return onward and abs(speed) > limits.turning and min(abs(turned), abs(fallen)) > limits.turned
 
 
 @register_jitable
@@ -251,19 +237,11 @@ def _update(
         if loads[foot] >= limits.load and not urgent:
             for axis in range(2):
                 # About x, turning forwards lifts the left side (high y); about y it lowers the front (high x).
-                about, sign = (1, -1.0) if axis == 0 else (0, 1.0)
-                low, high = 2 * axis, 2 * axis + 1
-                bounds[foot, low], bounds[foot, high] = _cut(
-                    bounds[foot, low],
-                    bounds[foot, high],
-                    whole[foot, low],
-                    whole[foot, high],
-                    cops[foot, axis],
-                    sign * turning[foot, about],
-                    sign * turned[foot, about],
-                    sign * fallen[foot, about],
-                    limits,
-                )
+                about, low, high, sign = 1 - axis, 2 * axis, 2 * axis + 1, 1.0 if axis == 0 else -1.0
+                speed, edge = turning[foot, about], min(max(cops[foot, axis], whole[foot, low]), whole[foot, high])
+                ahead = whole[foot, high] - edge if sign * speed > 0.0 else edge - whole[foot, low]  # that goes down
+                if ahead > limits.rim and _turns(speed, turned[foot, about], fallen[foot, about], limits):
+                    bounds[foot, low] = bounds[foot, high] = edge
             still = max(abs(turning[foot, 0]), abs(turning[foot, 1])) < limits.still
             rested[foot] = rested[foot] + dt if still else 0.0
             for axis in range(2 if still else 0):
@@ -278,6 +256,8 @@ def _update(
         for i in range(4):
             bound = bounds[foot, i]
             areas[foot, i] = bound if bound == whole[foot, i] else np.rint(bound / limits.grain) * limits.grain
+            if i % 2 == 1 and bound == bounds[foot, i - 1]:
+                areas[foot, i] = areas[foot, i - 1]
         for axis in range(2):
             about, sign = (1, -1.0) if axis == 0 else (0, 1.0)
             low, high = whole[foot, 2 * axis], whole[foot, 2 * axis + 1]
