@@ -1,9 +1,10 @@
 """Bytes of ``unitree_hg``'s LowState and LowCmd: XCDR1 on the wire, the C structure under the checksum.
 
-Both layouts are NumPy records, so that a message is read and written without an object for each of its 35 motors. They
-differ in padding: XCDR1 aligns each member to its own size only, the C structure aligns each structure to 4 bytes. The
-checksum is CRC-32/MPEG-2 over the little-endian words of the C structure, most significant bit first, without the last
-word, which holds the checksum. It is computed with ``zlib``, whose CRC-32 is the same polynomial on reflected bits:
+A message is a NumPy record of the C structure, without an object for each of its 35 motors. XCDR1 aligns each member to
+its size only, the C structure each structure to 4 bytes: they differ before the first motor and in padding.
+
+The checksum is CRC-32/MPEG-2 over the little-endian words of the C structure, most significant bit first, without the
+last word, which holds it. It is computed with ``zlib``, whose CRC-32 has the same polynomial on reflected bits:
 crc(words) = reflect(~zlib.crc32(reflect(words))).
 """
 
@@ -28,7 +29,7 @@ _MOTOR_CMD = np.dtype([
     ("mode", "u1"), ("pad", "u1", 3), ("q", "<f4"), ("dq", "<f4"), ("tau", "<f4"), ("kp", "<f4"), ("kd", "<f4"),
     ("reserve", "<u4"),
 ])  # fmt: skip
-#: LowCmd, which is the same in both layouts
+#: LowCmd as the C structure
 LOW_CMD = np.dtype([
     ("mode_pr", "u1"), ("mode_machine", "u1"), ("pad", "u1", 2), ("motor_cmd", _MOTOR_CMD, MOTORS),
     ("reserve", "<u4", 4), ("crc", "<u4"),
@@ -42,13 +43,6 @@ LOW_STATE = np.dtype([
     ("motor_state", _MOTOR_STATE_C, MOTORS),
     ("wireless_remote", "u1", REMOTE_SIZE), ("reserve", "<u4", 4), ("crc", "<u4"),
 ])  # fmt: skip
-#: Offset of the first motor's mode in XCDR1, two bytes before that of the C structure; all after it is four bytes apart
-_MODE_CDR, _MODE_C = 70, 72
-_PADS = np.concatenate([
-    [10, 11, 70, 71], (_MODE_C + 1 + np.arange(3) + _MOTOR_STATE_C.itemsize * np.arange(MOTORS)[:, None]).ravel(),
-])  # fmt: skip
-LOW_STATE_SIZE = len(ENCAPSULATION) + LOW_STATE.itemsize - 4  #: Serialised LowState [bytes]
-LOW_CMD_SIZE = len(ENCAPSULATION) + LOW_CMD.itemsize  #: Serialised LowCmd [bytes]
 _REFLECTED = np.array([int(f"{byte:08b}"[::-1], 2) for byte in range(256)], dtype=np.uint8)  #: Bits of a byte reversed
 
 
@@ -59,31 +53,61 @@ def checksum(structure: bytes | NDArray[np.uint8]) -> int:
     return int(f"{~zlib.crc32(words.tobytes()) & 0xFFFFFFFF:032b}"[::-1], 2)
 
 
+class _Layout:
+    """Where the first motor of a message lies in both layouts, and the padding of the C structure.
+
+    ``wire`` is the offset of its ``mode`` in XCDR1, where one byte of padding follows; in the C structure it lies 2
+    bytes later, with 3 bytes of padding. All after it is the same in both.
+    """
+
+    def __init__(self, structure: np.dtype[Any], motors: str, pads: list[int]) -> None:
+        fields = structure.fields or {}
+        motor, self.inside = fields[motors][0].base, int(fields[motors][1])
+        self.wire = self.inside - 2
+        each = self.inside + motor.itemsize * np.arange(MOTORS)[:, None]  # (MOTORS, 1)
+        self.pads = np.concatenate([pads, (each + 1 + np.arange(3)).ravel()])
+        self.size, self.total = structure.itemsize, structure.itemsize - 4 + len(ENCAPSULATION)
+
+    def unpack(self, name: str, data: bytes) -> NDArray[np.uint8]:
+        """The C structure of a serialised message, padding zero; ``MessageError`` for a wrong size or checksum."""
+        if len(data) != self.total or data[:2] != ENCAPSULATION[:2]:
+            raise MessageError(
+                f"{name}: {len(data)} bytes, {self.total} in little-endian XCDR1 expected: no robot of unitree_hg?"
+            )
+        body = np.frombuffer(data, dtype=np.uint8)[len(ENCAPSULATION) :]
+        structure = np.zeros(self.size, dtype=np.uint8)
+        structure[: self.wire] = body[: self.wire]
+        structure[self.inside] = body[self.wire]
+        structure[self.inside + 4 :] = body[self.wire + 2 :]
+        structure[self.pads] = 0  # arbitrary on the wire
+        given, found = int.from_bytes(structure[-4:].tobytes(), "little"), checksum(structure)
+        if given != found:
+            raise MessageError(f"{name}: crc {given:#010x} instead of {found:#010x}")
+        return structure
+
+    def pack(self, record: Any) -> bytes:
+        """The serialised message of a record, with its checksum."""
+        structure = np.frombuffer(bytearray(record.tobytes()), dtype=np.uint8)
+        structure[self.pads] = 0
+        crc = checksum(structure).to_bytes(4, "little")
+        raw = structure.tobytes()
+        mode = raw[self.inside : self.inside + 1]
+        return b"".join((ENCAPSULATION, raw[: self.wire], mode, b"\0", raw[self.inside + 4 : -4], crc))
+
+
+_STATE = _Layout(LOW_STATE, "motor_state", [10, 11, 70, 71])
+_COMMAND = _Layout(LOW_CMD, "motor_cmd", [2, 3])
+LOW_STATE_SIZE, LOW_CMD_SIZE = _STATE.total, _COMMAND.total  #: Serialised messages [bytes]
+
+
 def read_low_state(data: bytes) -> Any:
     """Record of dtype ``LOW_STATE`` from a serialised message; ``MessageError`` for a wrong size or checksum."""
-    if len(data) != LOW_STATE_SIZE or data[:2] != ENCAPSULATION[:2]:
-        raise MessageError(
-            f"lowstate: {len(data)} bytes, {LOW_STATE_SIZE} in little-endian XCDR1 expected: no unitree_hg robot?"
-        )
-    body, header = np.frombuffer(data, dtype=np.uint8), len(ENCAPSULATION)
-    structure = np.zeros(LOW_STATE.itemsize, dtype=np.uint8)
-    structure[:_MODE_CDR] = body[header : header + _MODE_CDR]
-    structure[_MODE_C] = body[header + _MODE_CDR]
-    structure[_MODE_C + 4 :] = body[header + _MODE_CDR + 2 :]
-    structure[_PADS] = 0  # arbitrary on the wire
-    record = structure.view(LOW_STATE)[0]
-    if (found := checksum(structure)) != record["crc"]:
-        raise MessageError(f"lowstate: crc {int(record['crc']):#010x} instead of {found:#010x}")
-    return record
+    return _STATE.unpack("lowstate", data).view(LOW_STATE)[0]
 
 
 def write_low_state(record: Any) -> bytes:
     """Serialise a record of dtype ``LOW_STATE``, with its checksum; for the robot's side of tests."""
-    structure = np.frombuffer(record.tobytes(), dtype=np.uint8).copy()
-    structure[_PADS] = 0
-    structure[-4:] = np.frombuffer(checksum(structure).to_bytes(4, "little"), dtype=np.uint8)
-    body = [structure[:_MODE_CDR], structure[_MODE_C : _MODE_C + 1], structure[:1] * 0, structure[_MODE_C + 4 :]]
-    return ENCAPSULATION + b"".join(part.tobytes() for part in body)
+    return _STATE.pack(record)
 
 
 def new_low_cmd() -> Any:
@@ -93,18 +117,9 @@ def new_low_cmd() -> Any:
 
 def write_low_cmd(record: Any) -> bytes:
     """Serialise a record of dtype ``LOW_CMD``, with its checksum."""
-    record["pad"] = 0
-    record["crc"] = checksum(record.tobytes())
-    return ENCAPSULATION + bytes(record.tobytes())
+    return _COMMAND.pack(record)
 
 
 def read_low_cmd(data: bytes) -> Any:
     """Record of dtype ``LOW_CMD`` from a serialised message; ``MessageError`` for a wrong size or checksum."""
-    if len(data) != LOW_CMD_SIZE or data[:2] != ENCAPSULATION[:2]:
-        raise MessageError(f"lowcmd: {len(data)} bytes, {LOW_CMD_SIZE} in little-endian XCDR1 expected")
-    record = np.frombuffer(bytearray(data[len(ENCAPSULATION) :]), dtype=LOW_CMD)[0]
-    record["pad"] = 0
-    record["motor_cmd"]["pad"] = 0
-    if (found := checksum(record.tobytes())) != record["crc"]:
-        raise MessageError(f"lowcmd: crc {int(record['crc']):#010x} instead of {found:#010x}")
-    return record
+    return _COMMAND.unpack("lowcmd", data).view(LOW_CMD)[0]
