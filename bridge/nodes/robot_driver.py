@@ -10,12 +10,13 @@ from typing import Any
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.utilities import remove_ros_args
 
-from bridge.driver.drivers import Drivers, SimulatedDrivers
+from bridge.driver.drivers import Drivers, HardwareDrivers, SimulatedDrivers
+from bridge.driver.operator import StartServices
 from bridge.driver.probes import LatencyProbe
 from bridge.driver.run_loop import run_plant
 from bridge.driver.topics import CommandInput, ScanTopic, SensorTopics, SimulationServices, StatusTopics, TruthTopics
 from bridge.driver.world import DriverWorld, robot_name
-from bridge.plants.base import Plant, SimulatedPlant, make_plant
+from bridge.plants.base import HardwarePlant, Plant, SimulatedPlant, make_plant
 from bridge.plants.config import DriverConfig, LoopConfig, read_options
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensors import read_sensor_errors
@@ -79,6 +80,8 @@ class RobotDriver(PoiseNode):
         if simulated is not None:
             start = default_config(LoopConfig, "bridge", "closed_loop")
             self.drivers = self._simulated = SimulatedDrivers(simulated, self.model, start)
+        elif isinstance(plant, HardwarePlant):
+            self.drivers = HardwareDrivers(plant, self.model)
         else:
             self.drivers = Drivers(plant, self.model)
         self.period = plant.period / (1.0 if simulated is None else config.speed)
@@ -93,6 +96,9 @@ class RobotDriver(PoiseNode):
             self, self.drivers, self._period_ns, age_max, self._probe, self._status.publish_state
         )
         self._calibration = CalibrationFile(self, NO_FILE)
+        self._start: StartServices | None = None
+        if isinstance(self.drivers, HardwareDrivers):
+            self._start = StartServices(self, self.drivers, self._status.publish_state)
         self._stamp = self._published_stamp = 0  # of the newest and the last published sample [ns]
         self._scan: ScanTopic | None = None
         if self._simulated is not None:
@@ -244,6 +250,8 @@ class RobotDriver(PoiseNode):
         self._settled = None
         self.tick += 1
         self._status.publish_state()
+        if self._start is not None and self.tick % self.slow_ticks == 0:
+            self._start.publish()
 
     def overrun(self, ticks: int) -> None:
         """Count skipped ticks."""
@@ -273,6 +281,10 @@ class RobotDriver(PoiseNode):
                 f"slow; poise status has the present factor",
                 throttle_duration_sec=60.0,
             )
+        if self._start is not None:
+            self.level, message = self._start.diagnose()
+            self.message = f"{self.message}; {message}"
+            self.values |= self._start.values
         if self._simulated is not None:
             self.values["faults injected"] = self._simulated.plant.faults.summary
 

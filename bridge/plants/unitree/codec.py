@@ -22,6 +22,7 @@ G1_JOINTS = tuple(
 )  # fmt: skip
 PITCH_ROLL = 0  #: ``mode_pr``: ankles are commanded by pitch and roll
 ENABLED = 1  #: ``mode`` of a drive that executes its command
+MARK = 0x504F4953  #: First reserved word of a LowCmd of the driver, which the guard looks for; the robot ignores it
 TICK_WRAP = 1 << 32  #: Ticks after which the robot's counter begins again
 TICK = 0.001  #: Length of a tick [s]
 #: Buttons of the remote controller by bit, from byte 2 of ``wireless_remote``
@@ -92,6 +93,7 @@ class UnitreeCodec:
         self._wrenches = np.full((2, 6), np.nan)
         self._record = new_low_cmd()
         self._record["mode_pr"] = PITCH_ROLL
+        self._record["reserve"][0] = MARK
         self._motors = self._record["motor_cmd"][: self._nj]
         self._motors["mode"] = ENABLED
         self._kp, self._kd = model.kp, model.kd
@@ -121,13 +123,13 @@ class UnitreeCodec:
             remote=record["wireless_remote"].tobytes(),
         )
 
-    def encode(self, command: JointCommand, mode_machine: int) -> bytes:
-        """Serialised LowCmd of a command; ``mode_machine`` is that of the robot."""
+    def encode(self, command: JointCommand, mode_machine: int, tick: int = 0) -> bytes:
+        """Serialised LowCmd of a command; ``mode_machine`` and the newest ``tick`` are those of the robot."""
         motors = self._motors
         motors["q"], motors["dq"], motors["tau"] = command.q, command.v, command.tau
         motors["kp"] = self._kp if command.kp is None else command.kp
         motors["kd"] = self._kd if command.kd is None else command.kd
-        self._record["mode_machine"] = mode_machine
+        self._record["mode_machine"], self._record["reserve"][1] = mode_machine, tick
         return write_low_cmd(self._record)
 
 

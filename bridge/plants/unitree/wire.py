@@ -61,7 +61,7 @@ class _Layout:
     """
 
     def __init__(self, structure: np.dtype[Any], motors: str, pads: list[int]) -> None:
-        fields = structure.fields or {}
+        fields: Any = structure.fields
         motor, self.inside = fields[motors][0].base, int(fields[motors][1])
         self.wire = self.inside - 2
         each = self.inside + motor.itemsize * np.arange(MOTORS)[:, None]  # (MOTORS, 1)
