@@ -91,7 +91,7 @@ class Startup:
         self.config = config or default_config(StartupConfig, "bridge", "startup")
         self.model = model
         self.state = StartState.LISTEN
-        self.reason = ""  #: Why the robot is damped
+        self.reason = ""  #: Why the robot is damped, or was not released
         self.load = 0.0  #: Load on the feet, averaged over ``load_window``, as a share of the weight [-]
         self._crashed = crashed
         self._target = model.posture("stand").copy()
@@ -114,7 +114,7 @@ class Startup:
         """What ends the present state; empty for none."""
         state, config = self.state, self.config
         if state in _WAITS:
-            return _WAITS[state]
+            return f"{_WAITS[state]} (before: {self.reason})" if self.reason else _WAITS[state]
         if state is StartState.LISTEN:
             return "; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s"
         if state is StartState.RELEASE:
@@ -235,7 +235,7 @@ class Startup:
 
     def _enter(self, state: StartState) -> None:
         self.state, self._elapsed, self._good = state, 0.0, 0.0
-        if state is not StartState.DAMPED:
+        if state not in (StartState.DAMPED, StartState.GANTRY):
             self.reason = ""
 
     def _holds(self, condition: bool, dt: float, time: float) -> bool:
@@ -257,7 +257,7 @@ class Startup:
         elif self._elapsed > self.config.release_timeout:
             who = "its state is unknown" if inputs.vendor is None else f"'{inputs.vendor}' is active"
             self._enter(StartState.LISTEN)
-            self._findings = (f"the vendor's controller did not end: {who}",)
+            self.reason = f"the vendor's controller did not end: {who}"
 
     def _begin_ramp(self, q: Vector) -> None:
         self._enter(StartState.PREPARE)

@@ -2,8 +2,8 @@
 
     python -m bridge.nodes.damping_guard ROBOT DOMAIN
 
-It is no node of the graph: a participant in the robot's domain with one reader and one writer. It outlives its launcher
-and the driver: after either has ended it damps for ``AFTERWARDS``.
+It is no node of the graph: a participant in the robot's domain with one reader and one writer. It outlives the driver
+and its launcher: asked to end, or without its launcher, it damps a robot that was commanded for ``AFTERWARDS``.
 """
 
 import os
@@ -17,16 +17,16 @@ from models.nodes import realtime
 from models.robot_model import RobotModel
 
 PERIOD = 0.002  #: Between two checks, and between two damping commands [s]
-AFTERWARDS = 2.0  #: For how long it damps after the end of its launcher [s]
+AFTERWARDS = 1.0  #: For how long it goes on after the end of the driver [s]
 PRIORITY = 45  #: SCHED_FIFO, above the driver; where permitted
 
 
 def main(args: list[str] | None = None) -> None:
-    """Watch until SIGTERM, or until the launcher has ended."""
+    """Watch until SIGTERM, or until the launcher has ended, and for a while after that."""
     robot, domain = (sys.argv[1:] if args is None else args)[:2]
-    ending = []
+    ending: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: ending.append(time.monotonic()))
+        signal.signal(number, lambda number, _: ending.append(number))
     parent = os.getppid()
     guard = DampingGuard(RobotModel.load(robot).kd)
     link = CommandLink(int(domain))
@@ -44,9 +44,8 @@ def main(args: list[str] | None = None) -> None:
             if guard.interventions > said:
                 said = guard.interventions
                 print("damping_guard: the driver is silent: damping", flush=True)
-            if not ending and os.getppid() != parent:
-                ending.append(now)
-            if ending and now - ending[0] > (AFTERWARDS if guard.interventions or command else PERIOD * 25):
+            ended = bool(ending) or os.getppid() != parent
+            if ended and (not guard.armed or guard.silence(now) > AFTERWARDS):
                 return
             due = max(due + PERIOD, now)
             time.sleep(max(due - time.monotonic(), 0.0))

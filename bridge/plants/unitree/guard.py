@@ -26,6 +26,15 @@ class DampingGuard:
         self.interventions = 0
         self.refused = 0
 
+    @property
+    def armed(self) -> bool:
+        """Whether the driver has commanded the robot."""
+        return self._command is not None
+
+    def silence(self, now: float) -> float:
+        """Time since the driver's last command at a time [s]."""
+        return now - self._last
+
     def receive(self, data: bytes, now: float) -> None:
         """A LowCmd from the network at a time [s]."""
         try:

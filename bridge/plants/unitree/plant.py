@@ -86,6 +86,7 @@ class UnitreePlant(HardwarePlant):
         self._crashed = folder.exists()
         self._marked = False
         self._link: RobotLink = DdsLink(domain) if link is None else link
+        self._closed = False
 
     @property
     def period(self) -> float:
@@ -93,6 +94,8 @@ class UnitreePlant(HardwarePlant):
 
     def read(self) -> SensorData:
         self._stop = ""
+        if self._closed:
+            return self._sensors
         samples = [sample for data in self._link.take() if (sample := self._decode(data)) is not None]
         self._silent = 0.0 if samples else self._silent + self._period
         for sample in samples:
@@ -133,7 +136,7 @@ class UnitreePlant(HardwarePlant):
 
     def write(self, command: JointCommand) -> None:
         """Send a command; before the first state nothing is sent: the type of the robot must be echoed."""
-        if self._sample is None:
+        if self._sample is None or self._closed:
             return
         if not self._marked:
             self._marked = True
@@ -143,6 +146,9 @@ class UnitreePlant(HardwarePlant):
 
     def close(self) -> None:
         """Damp the joints, also when the robot was not commanded by this driver after a crash; leave the domain."""
+        if self._closed:
+            return
+        self._closed = True
         if self._sample is not None and (self._marked or self._crashed):
             for _ in range(CLOSE_COMMANDS):
                 self._link.send(self._codec.encode(self._damping, self._sample.mode_machine))
@@ -161,6 +167,8 @@ class UnitreePlant(HardwarePlant):
     def findings(self) -> tuple[str, ...]:
         """Failed checks of the robot's messages."""
         sample, found = self._sample, []
+        if self._closed:
+            return ("the connection was closed with the driver's deactivation: clean it up and configure it again",)
         if sample is None:
             why = f"; refused: {self._why}" if self._why else ", check cable, address and domain"
             return (f"no lowstate on {self._where}{why}",)
@@ -187,6 +195,8 @@ class UnitreePlant(HardwarePlant):
     @property
     def vendor(self) -> str | None:
         """Name of Unitree's active controller."""
+        if self._closed:
+            return None
         try:
             return self._link.vendor()
         except MessageError as error:
