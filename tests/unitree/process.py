@@ -1,6 +1,6 @@
 """The robot's side as a process in real time: ``GantryRobot`` behind Unitree's own SDK, or behind rclpy.
 
-    python -m tests.unitree.process sdk|ros INTERFACE [RATE [SPEED]]
+    python -m tests.unitree.process sdk|ros INTERFACE DOMAIN [RATE [SPEED]]
 
 ``sdk`` is the package ``far-unitree-sdk``: Unitree's C++ SDK with CycloneDDS in the role of the robot, in DDS domain 0.
 ``ros`` publishes the same messages with this project's codec, and the remote controller, which the SDK's robot lacks.
@@ -29,8 +29,11 @@ LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces>
 class SdkSide:
     """The robot's side by Unitree's SDK; its motion switcher always answers that no controller is active."""
 
-    def __init__(self, robot: GantryRobot, interface: str) -> None:
+    def __init__(self, robot: GantryRobot, interface: str, domain: int) -> None:
         import unitree_interface as sdk
+
+        if domain:
+            raise SystemExit("the SDK's robot is in domain 0")
 
         self._robot = robot
         kind = sdk.MessageType.HG
@@ -68,14 +71,14 @@ class SdkSide:
 class RosSide:
     """The robot's side by rclpy."""
 
-    def __init__(self, robot: GantryRobot, interface: str) -> None:
+    def __init__(self, robot: GantryRobot, interface: str, domain: int) -> None:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
         from bridge.plants.unitree.link import CHECK, RELEASE, SENSOR, _ignore, _join
         from models.nodes.interfaces import interface as find
 
         self._robot = robot
-        _, self._node = _join(0, "robot")
+        _, self._node = _join(domain, "robot")
         best = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._states = self._node.create_publisher(find("unitree_hg", "msg", "LowState"), "lowstate", best)
         self._commands = self._node.create_subscription(
@@ -125,9 +128,11 @@ class RosSide:
 class Program:
     """Paces the robot and answers the lines of the standard input."""
 
-    def __init__(self, side: str, interface: str, rate: float = 500.0, speed: float = 1.0) -> None:
+    def __init__(self, side: str, interface: str, domain: int, rate: float = 500.0, speed: float = 1.0) -> None:
+        self._answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+        os.dup2(2, 1)  # what the SDK prints is no answer
         self.robot = GantryRobot(rate=rate, released=side == "sdk")
-        self.side: Any = {"sdk": SdkSide, "ros": RosSide}[side](self.robot, interface)
+        self.side: Any = {"sdk": SdkSide, "ros": RosSide}[side](self.robot, interface, domain)
         self.speed = speed
         self.late = 0.0  # of the physics behind the clock [s]
         self.skipped = 0
@@ -162,7 +167,8 @@ class Program:
             while b"\n" in self._buffer:
                 line, self._buffer = self._buffer.split(b"\n", 1)
                 name, *arguments = json.loads(line)
-                print(json.dumps(getattr(self, name)(*arguments)), flush=True)
+                self._answers.write(json.dumps(getattr(self, name)(*arguments)) + "\n")
+                self._answers.flush()
 
     def report(self) -> dict[str, Any]:
         """Truth and counts."""
@@ -224,5 +230,5 @@ class Program:
 
 
 if __name__ == "__main__":
-    kind, where, *numbers = sys.argv[1:]
-    Program(kind, where, *(float(each) for each in numbers)).run()
+    kind, where, in_domain, *numbers = sys.argv[1:]
+    Program(kind, where, int(in_domain), *(float(each) for each in numbers)).run()
