@@ -124,7 +124,9 @@ class HardwareDrivers(Drivers):
         stop = self.plant.stop
         if self.stale > self._stale_max:
             stop = stop or f"no new state of the robot for {self.stale:.3f} s"
-        if startup.state is StartState.HELD:
+        if startup.commands and self.plant.vendor:
+            stop = stop or f"the vendor's controller '{self.plant.vendor}' is active again"
+        if startup.state in (StartState.HELD, StartState.LOADED):
             self._load.update(sensors)
         command = servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
         if startup.state is StartState.STAND and servo.state is ServoState.DAMPED:

@@ -6,7 +6,8 @@
 Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. ``gantry`` waits
 for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``. ``held`` is stiff in the
 standing posture until the load on the feet, which follows from the joint torques, equals the weight. ``loaded`` stays
-stiff until the joint drivers execute commands, which then replace the stiff hold over the time ``fade``.
+stiff until the joint drivers execute commands, which then replace the stiff hold over the time ``fade``; a robot that
+is lifted before that is ``held`` again.
 """
 
 from collections.abc import Sequence
@@ -209,8 +210,11 @@ class Startup:
             stands = abs(self.load - 1.0) < config.load_tolerance and inputs.tilt < config.tilt_max
             if self._holds(stands, dt, config.load_time):
                 self._enter(StartState.LOADED)
-        elif self.state is StartState.LOADED and inputs.driven:
-            self._enter(StartState.STAND)
+        elif self.state is StartState.LOADED:
+            if inputs.driven:
+                self._enter(StartState.STAND)
+            elif self._holds(abs(self.load - 1.0) > 2.0 * config.load_tolerance, dt, config.load_time):
+                self._enter(StartState.HELD)
         return self.state
 
     def command(self, sensors: SensorData, driver: JointCommand) -> JointCommand | None:

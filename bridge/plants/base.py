@@ -62,6 +62,10 @@ class HardwarePlant(Plant, Protocol):
         """Whether the last driver ended without ``close``; the robot may have executed its last command since."""
 
     @property
+    def arrived(self) -> bool:
+        """Whether a newer sample than that of the last ``read`` is there; checked without waiting."""
+
+    @property
     def findings(self) -> tuple[str, ...]:
         """Why the robot's messages cannot be used; empty when all checks pass."""
 

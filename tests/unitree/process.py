@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 
 from bridge.plants.unitree.wire import read_low_cmd
+from models.nodes.realtime import use_fifo
 from models.types import JointCommand
 from tests.unitree.robot import STEP, GantryRobot
 
+PRIORITY = 50  #: SCHED_FIFO, above the graph; where permitted
 LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces>
 <NetworkInterface name="lo" multicast="false"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
@@ -140,6 +142,7 @@ class Program:
         self._done = False
 
     def run(self) -> None:
+        use_fifo(PRIORITY, lambda text: print(text, file=sys.stderr, flush=True))  # a real robot has its own computer
         period = STEP / self.speed
         due = time.monotonic()
         while not self._done:

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 
@@ -101,6 +102,7 @@ class Session:
             raise
         self.start: StartStatus | None = None
         self.odometry = (0.0, 0.0)
+        self._values: dict[str, str] = {}
 
     def __enter__(self) -> Session:
         try:
@@ -110,6 +112,7 @@ class Session:
             raise
         subscribe_status(self.graph.node, StartStatus, topics.START_STATUS, self._on_start, LATCHED)
         self.graph.node.create_subscription(Odometry, topics.ODOM, self._on_odometry, SENSOR)
+        self.graph.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self._velocity = self.graph.node.create_publisher(Twist, topics.CMD_VEL, 1)
         return self
 
@@ -121,6 +124,15 @@ class Session:
 
     def _on_start(self, status: StartStatus) -> None:
         self.start = status
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "/robot_driver":
+                self._values = {item.key: item.value for item in status.values}
+
+    def value(self, name: str) -> str:
+        """Newest value in the diagnostics of the driver."""
+        return self._values.get(name, "")
 
     def _on_odometry(self, message: Odometry) -> None:
         place = message.pose.pose.position

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bridge.plants.base import HardwarePlant
-from bridge.plants.unitree.codec import LowSample, TickClock, UnitreeCodec
+from bridge.plants.unitree.codec import BUTTONS, LowSample, TickClock, UnitreeCodec
 from bridge.plants.unitree.link import DdsLink, RobotLink
 from bridge.plants.unitree.monitors import HardwareMonitor
 from models.errors import ConfigError, MessageError
@@ -16,7 +16,6 @@ from models.files import state_folder
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
-STOP_BUTTONS = frozenset({"B", "F1"})  #: Either button of the remote controller damps
 GAP_MAX = 2.0  #: Largest step of the robot's tick that is no restart [s]
 RATE_TOLERANCE = 0.1  #: Relative deviation of the rate of the states that is accepted at the start [-]
 RATE_WINDOW = 0.5  #: Over which that rate is measured [s]
@@ -60,6 +59,12 @@ class UnitreePlant(HardwarePlant):
                 f"robot '{model.name}' needs 'hardware' and 'sensors.feet.fitted: false' in its profile, "
                 f"as g1_hardware has"
             )
+        self._stop_buttons = frozenset(hardware.stop_buttons)
+        if unknown := self._stop_buttons.difference(BUTTONS):
+            raise ConfigError(
+                f"robot '{model.name}': hardware.stop_buttons: unknown {', '.join(sorted(unknown))}; known: "
+                f"{', '.join(BUTTONS)}"
+            )
         self._period = 1.0 / rate
         self._clock = TickClock(self._period, GAP_MAX)
         self._codec = UnitreeCodec(model, self._clock)
@@ -87,6 +92,7 @@ class UnitreePlant(HardwarePlant):
         self._marked = False
         self._link: RobotLink = DdsLink(domain) if link is None else link
         self._closed = False
+        self._waiting: list[bytes] = []  # taken from the link, and not read yet
 
     @property
     def period(self) -> float:
@@ -96,7 +102,8 @@ class UnitreePlant(HardwarePlant):
         self._stop = ""
         if self._closed:
             return self._sensors
-        samples = [sample for data in self._link.take() if (sample := self._decode(data)) is not None]
+        waiting, self._waiting = [*self._waiting, *self._link.take()], []
+        samples = [sample for data in waiting if (sample := self._decode(data)) is not None]
         self._silent = 0.0 if samples else self._silent + self._period
         for sample in samples:
             self._accept(sample)
@@ -106,6 +113,13 @@ class UnitreePlant(HardwarePlant):
         if not self._stop and self.monitor.damps:
             self._stop = "; ".join(self.monitor.damps)
         return self._sensors
+
+    @property
+    def arrived(self) -> bool:
+        """Whether a state has come since the last ``read``."""
+        if not self._waiting and not self._closed:
+            self._waiting = self._link.take()
+        return bool(self._waiting)
 
     def _decode(self, data: bytes) -> LowSample | None:
         try:
@@ -118,7 +132,7 @@ class UnitreePlant(HardwarePlant):
         """Take over one sample: buttons, rate, lost states, monitors."""
         t = sample.sensors.t
         step = t - self._previous
-        if pressed := STOP_BUTTONS & sample.pressed:
+        if pressed := self._stop_buttons & sample.pressed:
             self._stop = f"button {', '.join(sorted(pressed))} of the remote controller"
         if step <= 0.0 and self._sample is not None:
             return  # a repeated sample

@@ -51,6 +51,7 @@ with two_machines() as there, Session(
     result["odometry"] = [a - b for a, b in zip(reached, odometry)]
     result["state"] = [session.graph.mode, session.graph.driver_state]
     result["robot"] = session.robot("report")
+    result["sample to command [ms]"] = session.value("sample to command [ms]")
 print(json.dumps(result))
 '''
 

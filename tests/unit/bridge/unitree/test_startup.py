@@ -177,6 +177,13 @@ def test_it_stands_by_load_and_tilt(bench: Bench, load: float, tilt: float, stan
     assert (bench.startup.state is StartState.LOADED) == stands
 
 
+def test_a_robot_that_is_lifted_again_does_not_stand(bench: Bench) -> None:
+    bench.reach(StartState.LOADED)
+    bench.inputs["load"] = 0.1
+    bench.run(2.0)
+    assert bench.startup.state is StartState.HELD and not bench.startup.armable
+
+
 def test_gains_fade_without_a_step_of_torque(bench: Bench) -> None:
     bench.reach(StartState.LOADED)
     q, v = bench.model.posture("stand") + 0.02, np.full(bench.model.nj, 0.1)
