@@ -124,8 +124,9 @@ class HardwareDrivers(Drivers):
         stop = self.plant.stop
         if self.stale > self._stale_max:
             stop = stop or f"no new state of the robot for {self.stale:.3f} s"
-        if startup.commands and self.plant.vendor:
-            stop = stop or f"the vendor's controller '{self.plant.vendor}' is active again"
+        vendor = self.plant.vendor
+        if startup.commands and vendor:
+            stop = stop or f"the vendor's controller '{vendor}' is active again"
         if startup.state in (StartState.HELD, StartState.LOADED):
             self._load.update(sensors)
         command = servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
@@ -133,8 +134,9 @@ class HardwareDrivers(Drivers):
             stop = stop or f"no command of the controller for {servo.silence:.3f} s"
         if stop and startup.commands:
             servo.damp()
+        findings = () if startup.commands and startup.state is not StartState.DAMPED else self.plant.findings
         inputs = StartInputs(
-            sensors, self.plant.findings, self.plant.vendor, self._load.load, self._load.tilt,
+            sensors, findings, vendor, self._load.load, self._load.tilt,
             driven=self.awaits_command and servo.commanded, stop=stop,
         )  # fmt: skip
         if startup.update(inputs) is StartState.RELEASE:

@@ -50,7 +50,7 @@ class Pacer:
 
 
 IDLE_SPIN = 0.02  #: Longest wait for a callback while no tick is due [s]
-ARRIVAL_POLL = 0.0003  #: Time between two checks for a sample of a robot with its own clock [s]
+ARRIVAL_POLL = 0.0004  #: Time between two checks for a sample of a robot with its own clock [s]
 #: Longest tick of such a robot, in periods: its samples jitter; once one is missing, ticks count the silence exactly
 TICK_MAX = 1.5
 RETRY_PERIOD_NS = 100_000_000  #: Wait for a command after which the tick's sensors are published again [ns]

@@ -27,6 +27,7 @@ TICK_WRAP = 1 << 32  #: Ticks after which the robot's counter begins again
 TICK = 0.001  #: Length of a tick [s]
 #: Buttons of the remote controller by bit, from byte 2 of ``wireless_remote``
 BUTTONS = ("R1", "L1", "start", "select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left")
+_XYZW = [1, 2, 3, 0]  #: Order of a quaternion wxyz as xyzw
 _BUTTONS_AT = 2  #: Byte of the first eight buttons in ``wireless_remote``
 
 
@@ -116,7 +117,7 @@ class UnitreeCodec:
             tick=tick,
             mode_machine=int(record["mode_machine"]),
             sensors=sensors,
-            quaternion=np.roll(record["quaternion"].astype(np.float64), -1),
+            quaternion=record["quaternion"].astype(np.float64)[_XYZW],
             temperature=motors["temperature"].astype(np.float64),
             voltage=motors["vol"].astype(np.float64),
             motor_state=motors["motorstate"].astype(np.float64),

@@ -23,6 +23,7 @@ from models.nodes.spin import log_arguments
 CHECK, RELEASE = 1001, 1003  #: Functions of the motion switcher
 SWITCHER = "api/motion_switcher"  #: Its topics are ``request`` and ``response`` below this name
 RETRY = 0.5  #: Time without an answer after which a request is repeated [s]
+LOOK = 0.02  #: Time between two checks for an answer [s]
 QUEUE = 32  #: Messages kept between two ticks
 SENSOR = QoSProfile(depth=QUEUE, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -79,7 +80,7 @@ class DdsLink(RobotLink):
         self._requests = node.create_publisher(self._request_type, f"{SWITCHER}/request", reliable)
         self._id = time.monotonic_ns()
         self._pending = 0  # id of the last Check
-        self._asked = -RETRY
+        self._asked = self._looked = -RETRY
         self._released = -RETRY
         self._vendor: str | None = None
 
@@ -91,6 +92,9 @@ class DdsLink(RobotLink):
 
     def vendor(self) -> str | None:
         now = time.monotonic()
+        if now - self._looked < LOOK:
+            return self._vendor
+        self._looked = now
         while (response := _take(self._responses)) is not None:
             if response.header.identity.id == self._pending and response.header.identity.api_id == CHECK:
                 self._vendor = _name_of(response)

@@ -36,7 +36,7 @@ class HardwareMonitor:
         self.warnings: tuple[str, ...] = ()
         self.holds: tuple[str, ...] = ()
         self.damps: tuple[str, ...] = ()
-        self.values: dict[str, str] = {}  #: Newest values, for the diagnostics
+        self._sample: LowSample | None = None
 
     @property
     def loss(self) -> float:
@@ -47,6 +47,7 @@ class HardwareMonitor:
         """Compare a state, before which ``lost`` states did not arrive, ``dt`` [s] after the last."""
         share = min(dt / LOSS_WINDOW, 1.0)
         self._loss += share * (lost / (lost + 1.0) - self._loss)
+        self._sample = sample
         found = [finding for finding in self._find(sample) if finding is not None]
         t = sample.sensors.t
         present = {}
@@ -63,6 +64,19 @@ class HardwareMonitor:
         )
 
     @property
+    def values(self) -> dict[str, str]:
+        """Newest values, for the diagnostics; empty before the first state."""
+        if self._sample is None:
+            return {}
+        hottest, voltage = self._sample.temperature.max(axis=1), self._sample.voltage
+        fed = voltage[voltage > 0.0]
+        return {
+            "hottest motor [degC]": f"{hottest.max():.0f} ({self._names[int(hottest.argmax())]})",
+            "lowest voltage [V]": f"{fed.min():.1f}" if fed.size else "not measured",
+            "states lost [%]": f"{100.0 * self._loss:.1f}",
+        }
+
+    @property
     def _persistence(self) -> float:
         return self._hardware.persistence
 
@@ -70,11 +84,6 @@ class HardwareMonitor:
         given = self._hardware
         hottest = sample.temperature.max(axis=1)  # (nj,)
         fed = np.where(sample.voltage > 0.0, sample.voltage, np.inf)  # 0: not measured
-        self.values = {
-            "hottest motor [degC]": f"{hottest.max():.0f} ({self._names[int(hottest.argmax())]})",
-            "lowest voltage [V]": f"{fed.min():.1f}" if np.isfinite(fed.min()) else "not measured",
-            "states lost [%]": f"{100.0 * self._loss:.1f}",
-        }
         return [
             self._worst("motor temperature", "degC", hottest, np.argmax, given.motor_temperature),
             self._worst("voltage", "V", fed, np.argmin, given.voltage),
