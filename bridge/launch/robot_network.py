@@ -9,7 +9,6 @@ import fcntl
 import os
 import socket
 import struct
-import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from pathlib import Path
 from bridge.ros.environment import PROFILE_VARIABLE
 from bridge.ros.processes import BRIDGE, ProcessSpec
 from models.errors import ConfigError
+from models.files import state_folder
 
 _XML = "http://www.eprosima.com"  #: Namespace of the profile
 _GET_ADDRESS, _GET_FLAGS = 0x8915, 0x8913  #: ioctl of Linux: IPv4 address and flags of an interface
@@ -90,8 +90,8 @@ class RobotNetwork:
     def processes(self, specs: Sequence[ProcessSpec], robot: str) -> list[ProcessSpec]:
         """The processes of a graph, the driver with the robot's network, and the guard beside it."""
         address = self.check()
-        folder = Path(tempfile.mkdtemp(prefix="poise_robot_"))
-        file = folder / "driver.xml"
+        file = state_folder("unitree") / f"{self.interface}.xml"
+        file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(profile_text(address), encoding="utf-8")
         environment = {PROFILE_VARIABLE: str(file), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
         guard = ProcessSpec(GUARD, (), arguments=(robot, str(self.domain)), environment=environment)

@@ -64,7 +64,7 @@ def needs_types() -> None:
 
 
 def test_unitrees_sdk_behind_a_cable(tmp_path: Path, root: Path) -> None:
-    """Stand, wave and walk, by default at half speed: two cores carry robot and graph in real time when nothing else runs.
+    """Stand, wave and walk, by default at half speed: two busy cores do not carry robot and graph in real time.
 
     ``POISE_UNITREE_STAND`` and ``POISE_UNITREE_WALK`` change the times [s], ``POISE_UNITREE_SPEED`` the robot's speed.
     """
