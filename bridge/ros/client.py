@@ -206,7 +206,12 @@ def overview(client: Client) -> dict[str, str]:
     listen(String, topics.COMMANDER, lambda message: commander.append(message.data), LATCHED)
     subscribe_status(client.node, StartStatus, topics.START_STATUS, start.append, LATCHED)
     client.robot(ROBOT_TIMEOUT)
-    client.wait(lambda: bool(factor and commander and client.driver_state), TOPICS_TIMEOUT)
+
+    def complete() -> bool:
+        real = client.node.count_publishers(topics.START_STATUS) > 0
+        return bool(factor and commander and client.driver_state and (start or not real))
+
+    client.wait(complete, TOPICS_TIMEOUT)
     status = client.status
     assert status is not None  # there is a robot
     return {
