@@ -32,7 +32,7 @@ def main(args: list[str] | None = None) -> None:
     link = CommandLink(int(domain))
     realtime.use_fifo(PRIORITY, lambda text: print(f"damping_guard: {text}", flush=True))
     due = time.monotonic()
-    said = 0
+    said = strangers = 0
     try:
         while True:
             now = time.monotonic()
@@ -44,6 +44,9 @@ def main(args: list[str] | None = None) -> None:
             if guard.interventions > said:
                 said = guard.interventions
                 print("damping_guard: the driver is silent: damping", flush=True)
+            if guard.strangers > strangers and guard.armed:
+                print(f"damping_guard: another program commands the robot: {guard.strangers} lowcmd", flush=True)
+                strangers = 10 * guard.strangers
             ended = bool(ending) or os.getppid() != parent
             if ended and (not guard.armed or guard.silence(now) > AFTERWARDS):
                 return

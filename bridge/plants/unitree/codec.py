@@ -22,7 +22,8 @@ G1_JOINTS = tuple(
 )  # fmt: skip
 PITCH_ROLL = 0  #: ``mode_pr``: ankles are commanded by pitch and roll
 ENABLED = 1  #: ``mode`` of a drive that executes its command
-MARK = 0x504F4953  #: First reserved word of a LowCmd of the driver, which the guard looks for; the robot ignores it
+#: First reserved word of a LowCmd of the driver, and of its guard; the robot ignores it
+MARK, GUARD_MARK = 0x504F4953, 0x504F4947
 TICK_WRAP = 1 << 32  #: Ticks after which the robot's counter begins again
 TICK = 0.001  #: Length of a tick [s]
 #: Buttons of the remote controller by bit, from byte 2 of ``wireless_remote``

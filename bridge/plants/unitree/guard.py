@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bridge.plants.unitree.codec import MARK
+from bridge.plants.unitree.codec import GUARD_MARK, MARK
 from bridge.plants.unitree.wire import read_low_cmd, write_low_cmd
 from models.errors import MessageError
 from models.types import Vector
@@ -24,7 +24,8 @@ class DampingGuard:
         self._command: bytes | None = None
         self.active = False
         self.interventions = 0
-        self.refused = 0
+        self.refused = 0  #: Commands with a wrong size or checksum
+        self.strangers = 0  #: Commands of neither the driver nor a guard
 
     @property
     def armed(self) -> bool:
@@ -43,6 +44,7 @@ class DampingGuard:
             self.refused += 1
             return
         if record["reserve"][0] != MARK:
+            self.strangers += int(record["reserve"][0] != GUARD_MARK)
             return
         self._last = now
         if self._command is None or self.active:
@@ -50,7 +52,7 @@ class DampingGuard:
             for name in ("q", "dq", "tau", "kp", "kd"):
                 motors[name] = 0.0
             motors["kd"][: len(self._damping)] = self._damping
-            record["reserve"][0] = 0
+            record["reserve"][0] = GUARD_MARK
             self._command = write_low_cmd(record)
 
     def step(self, now: float) -> bytes | None:

@@ -10,7 +10,7 @@ from bridge.plants.unitree.codec import TickClock, UnitreeCodec, joint_command
 from bridge.plants.unitree.guard import SILENCE, DampingGuard
 from bridge.plants.unitree.monitors import HardwareMonitor
 from bridge.plants.unitree.plant import UnitreePlant
-from bridge.plants.unitree.wire import LOW_STATE, read_low_cmd, write_low_state
+from bridge.plants.unitree.wire import LOW_STATE, new_low_cmd, read_low_cmd, write_low_cmd, write_low_state
 from models.errors import ConfigError
 from models.profile import Thresholds
 from models.robot_model import RobotModel
@@ -33,6 +33,7 @@ def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> N
     guard.receive(data, 100.0)
     assert guard.step(100.0 + 0.9 * SILENCE) is None
     made = guard.step(100.0 + 1.1 * SILENCE)
+    assert guard.strangers == 0
     assert made is not None and (guard.active, guard.interventions) == (True, 1)
     record = read_low_cmd(made)
     command = joint_command(record, g1.nj)
@@ -51,6 +52,9 @@ def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
     data[50] ^= 1
     guard.receive(bytes(data), 0.0)
     assert guard.refused == 1 and guard.step(1.0) is None and not guard.armed
+    other = new_low_cmd()
+    guard.receive(write_low_cmd(other), 0.0)
+    assert guard.strangers == 1 and guard.step(1.0) is None and not guard.armed
 
 
 def monitor_of(model: RobotModel) -> HardwareMonitor:
