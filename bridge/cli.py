@@ -9,7 +9,7 @@ from typer.core import TyperGroup
 
 from bridge.commands import record
 from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, signer_of
-from bridge.commands.robot import calibrate, hang, mode, reach, reset, send, status, walk
+from bridge.commands.robot import calibrate, hang, mode, reach, reset, send, start, status, walk
 from models.numerics.threads import use_one_thread
 
 ENTRY_POINTS = "poise.commands"  #: Entry points of further commands, such as ``poise bench``
@@ -128,9 +128,14 @@ def up(
         typer.Option(help="Simulated time waits for late commands (yield), or does not (strict)."),
     ] = "yield",
     plant: Annotated[
-        str, typer.Option(help="The robot: mujoco, the name of an installed plant, or module:Class.")
+        str, typer.Option(help="The robot: mujoco, unitree, the name of an installed plant, or module:Class.")
     ] = "mujoco",
     plant_options: Annotated[str, typer.Option(help="Arguments of another plant: YAML in braces, or a file.")] = "",
+    network_interface: Annotated[
+        str, typer.Option(help="Of this computer, to the robot of --plant unitree, such as eth0.", metavar="IF")
+    ] = "",
+    robot_domain: Annotated[int, typer.Option(min=0, max=232, help="DDS domain of that robot.")] = 0,
+    robot_rate: Annotated[int, typer.Option(help="Rate of that robot, 500 or 1000 [Hz].")] = 500,
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
@@ -154,6 +159,15 @@ def up(
         raise typer.BadParameter("--camera goes with one robot: it does not draw the others")
     if several and plant != "mujoco":
         raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
+    hardware: dict[str, Any] = {}
+    if plant == "unitree":
+        from bridge.launch.unitree import unitree_options
+
+        with report_errors():
+            robot, hardware = unitree_options(robot, network_interface, robot_domain, robot_rate, plant_options)
+        plant_options = hardware.pop("plant_options")
+    elif network_interface:
+        raise typer.BadParameter("--network-interface goes with --plant unitree")
     if calibration is None and not sensor_errors:
         calibration = calibration_directory() / plant.replace(":", ".")  # a simulated robot has its own
     given = {"sensor_errors": sensor_errors, "faults.plan": faults, "plant_options": plant_options}
@@ -174,6 +188,9 @@ def up(
         "calibration": calibration,
         "actions": actions,
     }
+    if hardware:
+        options["parameters"].update({name: {**own.get(name, {}), **more} for name, more in hardware["rates"].items()})
+        options["robot_network"] = hardware["robot_network"]
     raise typer.Exit(
         up_world(several, **options) if several else launch(robot, namespace=namespace, camera=camera, **options)
     )
@@ -282,7 +299,8 @@ def joints(robot: Robot = "g1") -> None:
     console(soft_wrap=True).print(table)
 
 
-for _command in (record.record, record.replay, record.plot, record.export, send, mode, status, reset, calibrate, hang):
+_of_robot = (send, mode, start, status, reset, calibrate, hang)
+for _command in (record.record, record.replay, record.plot, record.export, *_of_robot):
     app.command()(_command)
 for _numeric in (walk, reach):
     app.command(context_settings={"ignore_unknown_options": True})(_numeric)  # -0.3 is a number, not an option

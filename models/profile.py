@@ -212,6 +212,37 @@ class Sensors:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class Thresholds:
+    """Values of one measurement from which on a robot is warned of, kept standing, and damped."""
+
+    warn: float  #: reported in the diagnostics
+    hold: float  #: no new motion and no velocity
+    damp: float  #: the drives are damped
+
+    def __post_init__(self) -> None:
+        if not (self.warn <= self.hold <= self.damp or self.warn >= self.hold >= self.damp):
+            raise ValueError(f"warn {self.warn}, hold {self.hold} and damp {self.damp} are not in order")
+
+    @property
+    def rising(self) -> bool:
+        """Whether large values are bad."""
+        return self.warn <= self.damp
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Hardware:
+    """What the monitors of a real robot compare its state with."""
+
+    mode_machine: Annotated[int, Field(ge=0, le=255)]  #: type that the robot reports, of these joints [1]
+    motor_temperature: Thresholds  #: winding or housing of the hottest motor [degC]
+    voltage: Thresholds  #: supply of the lowest drive; 0 counts as not measured [V]
+    lost_packets: Thresholds  #: share of states that did not arrive within a second [-]
+    motor_error: Literal["warn", "hold", "damp"]  #: what an error word of a drive leads to
+    stop_buttons: Annotated[tuple[str, ...], Field(min_length=1)]  #: each of which, on the remote controller, damps
+    persistence: Positive  #: for how long a value must be beyond a threshold [s]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Profile:
     """A whole robot; see the packaged files for a commented example."""
 
@@ -231,6 +262,7 @@ class Profile:
     hulls: dict[str, Hull] = field(default_factory=dict)
     #: what differs for this robot from the packaged configuration of its laws, as nested keys by the name of the file
     laws: dict[Law, dict[str, Any]] = field(default_factory=dict)
+    hardware: Hardware | None = None  #: monitors of the real robot; none where it is not known
     source: str = ""  #: file the profile was read from; filled in by the loader
 
     def __post_init__(self) -> None:

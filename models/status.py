@@ -103,6 +103,15 @@ class SupervisorStatus(Status, frozen=True):
     answer: str = ""  # to the last one
 
 
+class StartStatus(Status, frozen=True):
+    """Start and monitors of a real robot."""
+
+    state: str  # of ``bridge/driver/startup.py``
+    waits_for: str = ""  # what ends it; empty for nothing
+    warnings: tuple[str, ...] = ()  # of the monitors, without an effect
+    holds: tuple[str, ...] = ()  # of the monitors: no motion and no walk may begin
+
+
 class NodeStatus(Status, frozen=True):
     """Sign of life of a node, and its QoS mismatches: one entry of each tuple per mismatch."""
 

@@ -29,6 +29,7 @@ from controllers.nodes.supervisor import SupervisorNode
 from controllers.nodes.vision_node import VisionNode
 from controllers.stack import ControlStack
 from models.errors import PoiseError
+from models.nodes import topics
 from models.nodes.base import PoiseNode
 from planners.nodes.gait_planner import GaitPlannerNode
 from planners.nodes.motion_planner import MotionPlannerNode
@@ -86,6 +87,7 @@ TYPES = {
     ParameterType.PARAMETER_STRING_ARRAY: "string[]",
 }
 
+REAL_DRIVER = "robot_driver of a real robot"  #: Has further topics and services, which a simulated one lacks
 HUGE = 1e300  #: Bounds beyond this count as unbounded
 
 
@@ -120,6 +122,7 @@ def _lines(nodes: list[PoiseNode], and_headed: list[PoiseNode]) -> Iterator[str]
     yield "Beside those of every lifecycle node (`change_state`, `get_state`, ...) and of its parameters.\n"
     services = sorted((_short(s.srv_name), _type(s.srv_type), n.get_name()) for n in nodes for s in n.services)
     services = [row for row in services if not row[0].startswith(f"{row[2]}/")]  # those of lifecycle and parameters
+    services = sorted([*services, *((name, "std_srvs/Trigger", REAL_DRIVER) for name in topics.START_SERVICES)])
     yield from _table(("service", "type", "node"), services)
     yield f"\n## Parameters\n\n### {OF_EVERY_NODE}\n"
     yield from _parameters(nodes[0], shared)
@@ -143,6 +146,7 @@ def _topics(nodes: list[PoiseNode]) -> Iterator[tuple[str, ...]]:
         names = row[2] if source else row[3]
         if node.get_name() not in names:
             names.append(node.get_name())
+    found[topics.START_STATUS][2].append(REAL_DRIVER)
     for name in ("parameter_events", "rosout"):
         found.pop(f"/{name}", None)
     for topic, (kind, qos, sources, sinks) in sorted(found.items(), key=lambda item: item[0].lstrip("/")):

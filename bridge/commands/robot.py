@@ -11,6 +11,7 @@ MODE_SERVICES = {
     **{word: f"mode/{word}" for word in ("off", "damp", "stand", "walk")},
     **{word: word for word in ("estop", "reset_faults")},
 }  #: Services of ``poise mode`` by their word
+START_STEPS = ("confirm_gantry", "prepare", "lower", "damp")  #: Words of ``poise start``
 CALIBRATIONS = ("imu", "joints", "feet", "show", "rollback")  #: Words of ``poise calibrate``
 CALIBRATION_TIMEOUT = 400.0  #: Longest wait for a calibration [s]; the estimator gives up before
 
@@ -30,6 +31,20 @@ def mode(
         raise typer.BadParameter(f"unknown mode '{name}'; known: {', '.join(MODE_SERVICES)}")
     with connected(network, namespace) as client:
         raise typer.Exit(print_reply(client.trigger(MODE_SERVICES[name])))
+
+
+def start(
+    step: Annotated[
+        str, typer.Argument(help="confirm_gantry, prepare, lower or damp.", autocompletion=lambda: list(START_STEPS))
+    ],
+    network: Network = False,
+    namespace: Namespace = "",
+) -> None:
+    """Confirm a step in the start of a real robot, or damp it; see docs/real_robot.md."""
+    if step not in START_STEPS:
+        raise typer.BadParameter(f"unknown step '{step}'; known: {', '.join(START_STEPS)}")
+    with connected(network, namespace) as client:
+        raise typer.Exit(print_reply(client.trigger(f"start/{step}")))
 
 
 def status(network: Network = False, namespace: Namespace = "") -> None:

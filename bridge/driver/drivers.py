@@ -1,6 +1,8 @@
 """Plant and joint servo in step: modes and commands in, commands of the drives out; no ROS."""
 
-from bridge.plants.base import Plant, ReleaseGate, SimulatedPlant, hanging_command
+from bridge.driver.foot_load import FootLoad
+from bridge.driver.startup import StartInputs, StartState, Startup
+from bridge.plants.base import HardwarePlant, Plant, ReleaseGate, SimulatedPlant, hanging_command
 from bridge.plants.config import LoopConfig
 from controllers.estimation.assembler import mean_sample
 from controllers.joints.joint_servo import JointServo, ServoState
@@ -76,6 +78,73 @@ class Drivers:
     def command(self, command: JointCommand | JointTrajectory) -> bool:
         """Pass a setpoint or trajectory to the drivers in a mode with motion; whether it is in force."""
         return self.awaits_command and self.servo.command(command, self.t)
+
+
+class HardwareDrivers(Drivers):
+    """The drivers of a real robot, which starts as ``Startup`` says and is damped by its monitors and its remote.
+
+    While the start holds the robot, the command of the joint servo is replaced. A fault of the servo or the mode damp
+    ends the start in damping.
+    """
+
+    def __init__(self, plant: HardwarePlant, model: RobotModel) -> None:
+        super().__init__(plant, model)
+        self.plant: HardwarePlant = plant
+        self.startup = Startup(model, crashed=plant.crashed)
+        self._load = FootLoad(model)
+
+    @property
+    def state(self) -> str:
+        """``hanging`` until the robot stands by itself, ``held`` until its gains have faded, or that of the servo."""
+        startup = self.startup
+        if startup.supported:
+            return topics.HANGING
+        if startup.state is StartState.DAMPED:
+            return topics.DAMPED
+        return topics.HELD if startup.fading else super().state
+
+    @property
+    def awaits_command(self) -> bool:
+        return self.startup.armable and super().awaits_command
+
+    def set_mode(self, mode: Mode) -> None:
+        """As ``Drivers``; ``CommandError`` for motion before the robot stands on its feet."""
+        startup = self.startup
+        if mode in ACTIVE_MODES and not startup.armable:
+            raise CommandError(
+                f"mode '{mode.value}' refused in state '{startup.state}', which waits for {startup.waits_for}"
+            )
+        super().set_mode(mode)
+        if mode is Mode.DAMP and startup.commands:
+            startup.damp("mode damp was requested")
+
+    def act(self) -> None:
+        """As ``Drivers``; nothing is written before the vendor's controller is released."""
+        sensors, startup, servo = self.read(), self.startup, self.servo
+        stop = self.plant.stop
+        if self.stale > self._stale_max:
+            stop = stop or f"no new state of the robot for {self.stale:.3f} s"
+        vendor = self.plant.vendor
+        if startup.commands and vendor:
+            stop = stop or f"the vendor's controller '{vendor}' is active again"
+        if startup.state in (StartState.HELD, StartState.LOADED):
+            self._load.update(sensors)
+        command = servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
+        if startup.state is StartState.STAND and servo.state is ServoState.DAMPED:
+            stop = stop or f"no command of the controller for {servo.silence:.3f} s"
+        if stop and startup.commands:
+            servo.damp()
+        findings = () if startup.commands and startup.state is not StartState.DAMPED else self.plant.findings
+        inputs = StartInputs(
+            sensors, findings, vendor, self._load.load, self._load.tilt,
+            driven=self.awaits_command and servo.commanded, stop=stop,
+        )  # fmt: skip
+        if startup.update(inputs) is StartState.RELEASE:
+            self.plant.release_vendor()
+        given = startup.command(sensors, command)
+        if given is not None:
+            self.plant.write(given if self.encoder_offsets is None else encoder_command(given, self.encoder_offsets))
+        self._sample = None
 
 
 class SimulatedDrivers(Drivers):

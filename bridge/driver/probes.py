@@ -1,12 +1,14 @@
 """Times of the stages of a tick on the monotonic clock, in the driver and in the process of the laws."""
 
 import time
+from collections import deque
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+SAMPLES_KEPT = 64  #: Samples whose answer is waited for
 CAPACITY = 600_000  #: Recorded ticks: ten minutes at 1 kHz; later ones are dropped
 
 #: Recorded of each tick by the driver, and its type
@@ -126,3 +128,36 @@ def cost(ticks: int = 20_000) -> float:
             probe.note(column)
         probe.touch((True, True))
     return (time.perf_counter() - begin) / ticks
+
+
+class AnswerTimes:
+    """Time from the arrival of a sample of a real robot at the driver to the command computed from it, as it is sent.
+
+    ``count`` is the number of the newest answers that count.
+    """
+
+    def __init__(self, count: int = 5000) -> None:
+        self._arrived: deque[tuple[int, float]] = deque(maxlen=SAMPLES_KEPT)
+        self._times: deque[float] = deque(maxlen=count)
+        self._answered = 0
+
+    def arrive(self, stamp: int) -> None:
+        """A sample with a stamp [ns] has arrived."""
+        self._arrived.append((stamp, time.monotonic()))
+
+    def send(self, stamp: int) -> None:
+        """A command computed from the sample with a stamp [ns] was sent; repetitions do not count."""
+        if stamp <= self._answered:
+            return
+        self._answered = stamp
+        arrived = next((at for each, at in self._arrived if each == stamp), None)
+        if arrived is not None:
+            self._times.append(time.monotonic() - arrived)
+
+    @property
+    def summary(self) -> str:
+        """Median, 99th percentile and maximum in milliseconds; empty before the first answer."""
+        if not self._times:
+            return ""
+        median, tail, largest = 1e3 * np.percentile(np.array(self._times), (50.0, 99.0, 100.0))
+        return f"{median:.1f}, p99 {tail:.1f}, max {largest:.1f}"

@@ -50,6 +50,9 @@ class Pacer:
 
 
 IDLE_SPIN = 0.02  #: Longest wait for a callback while no tick is due [s]
+ARRIVAL_POLL = 0.0004  #: Time between two checks for a sample of a robot with its own clock [s]
+#: Longest tick of such a robot, in periods: its samples jitter; once one is missing, ticks count the silence exactly
+TICK_MAX = 1.5
 RETRY_PERIOD_NS = 100_000_000  #: Wait for a command after which the tick's sensors are published again [ns]
 
 
@@ -59,6 +62,22 @@ class Paced(Protocol):
     lockstep: bool
     period: float
     callbacks_min: int
+
+    @property
+    def follows_samples(self) -> bool:
+        """Whether ticks begin with the samples of a robot that has its own clock."""
+
+    @property
+    def sample_due(self) -> bool:
+        """Whether the next sample of such a robot has arrived."""
+
+    @property
+    def command_due(self) -> bool:
+        """Whether the plant may be given its command: a new one has come, or none is awaited."""
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the last tick of such a robot had a new sample."""
 
     @property
     def running(self) -> bool:
@@ -94,7 +113,8 @@ def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
 
     In real time tick k begins at t0 + k T on the monotonic clock. Its sensors are published, callbacks are served until
     the next deadline, then the plant gets the newest command. Lost whole periods are counted and skipped: simulated
-    time then falls behind and never catches up. While the commands lag behind the sensors, a simulated plant waits.
+    time then falls behind and never catches up. While the commands lag behind the sensors, a simulated plant waits. A
+    robot with its own clock is followed: a tick begins with its sample, and it gets the command as soon as that comes.
     """
     node: Paced = nodes[0]
     pacer: Pacer | None = None
@@ -105,6 +125,10 @@ def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
             executor.spin_once(timeout_sec=IDLE_SPIN)
             node.idle()
             pacer = None
+            continue
+        if node.follows_samples:
+            node.publish_tick(0.0)
+            _follow_sample(executor, node, stop)
             continue
         if pacer is None:
             pacer = Pacer(node.period, sleep=lambda seconds: executor.spin_once(timeout_sec=seconds))
@@ -123,6 +147,22 @@ def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
                 pacer = None
         if node.running and not stop.requested:
             node.step()
+
+
+def _follow_sample(executor: Any, node: Paced, stop: Stop) -> None:
+    """Serve callbacks until the next sample; step once, with the first new command or at the end."""
+    began = time.monotonic()
+    longest = node.period * (TICK_MAX if node.fresh else 1.0)
+    stepped = False
+    while ok() and not stop.requested and node.running:
+        executor.spin_once(timeout_sec=ARRIVAL_POLL)
+        if not stepped and node.command_due:
+            node.step()
+            stepped = True
+        if node.sample_due or time.monotonic() - began >= longest:
+            break
+    if not stepped and node.running and not stop.requested:
+        node.step()
 
 
 def _serve_while(executor: Any, node: Paced, stop: Stop, waiting: Callable[[], bool]) -> None:

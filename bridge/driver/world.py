@@ -76,6 +76,13 @@ class DriverWorld:
         self._node.destroy_node()
 
     @property
+    def follows_samples(self) -> bool:
+        """Simulated robots have no clock of their own."""
+        return False
+
+    sample_due = command_due = fresh = follows_samples
+
+    @property
     def world(self) -> MujocoWorld:
         """The world, built at the first call; ``ConfigError`` when drivers disagree or robots touch at the start."""
         if self._world is None:

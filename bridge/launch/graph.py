@@ -16,6 +16,7 @@ from rclpy.utilities import try_shutdown
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from bridge.launch.robot_network import RobotNetwork
 from bridge.launch.run import run_until_signal, wait_for
 from bridge.ros.environment import claim_graph, graph_environment, join_graph
 from bridge.ros.processes import (
@@ -227,8 +228,10 @@ class Graph:
             self._output = self._log.open("ab")
         for spec in self._specs:
             file = Path(self._folder.name) / f"{spec.module}.yaml"
-            arguments = ros_arguments(spec.nodes, self._parameters, self._namespace, file)
-            self._processes.append(GraphProcess(spec, arguments, environment, self._output))
+            arguments = [*spec.arguments]
+            if spec.nodes:
+                arguments += ros_arguments(spec.nodes, self._parameters, self._namespace, file)
+            self._processes.append(GraphProcess(spec, arguments, {**environment, **spec.environment}, self._output))
         for process in self._processes:
             process.start()
 
@@ -289,17 +292,21 @@ def up(
     actions: bool = False,
     camera: bool = False,
     quiet: bool = False,
+    robot_network: RobotNetwork | None = None,
     **options: Any,
 ) -> int:
     """Run the graph until SIGINT or SIGTERM, or for a ``duration`` [s].
 
-    Actions and the camera run in separate processes; actions are omitted when their types are missing. Other arguments
-    and options are those of ``Graph``. Returns the exit code: 0 after a signal or the end of ``duration``, 1 when the
-    graph cannot be kept running.
+    Actions and the camera run in separate processes; actions are omitted when their types are missing.
+    ``robot_network`` is that of a real robot, which only the processes of driver and guard join. Other arguments and
+    options are those of ``Graph``. Returns the exit code: 0 after a signal or the end of ``duration``, 1 when the graph
+    cannot be kept running.
     """
 
     def make(say: Callable[[str], object]) -> Graph:
         specs = process_specs(processes, actions=actions_possible(actions, say), camera=camera)
+        if robot_network is not None:
+            specs = robot_network.processes(specs, robot)
         return Graph(robot, specs=specs, say=say, **options)
 
     return run_until_signal(make, robot, duration=duration, quiet=quiet)

@@ -10,12 +10,13 @@ from typing import Any
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.utilities import remove_ros_args
 
-from bridge.driver.drivers import Drivers, SimulatedDrivers
-from bridge.driver.probes import LatencyProbe
+from bridge.driver.drivers import Drivers, HardwareDrivers, SimulatedDrivers
+from bridge.driver.operator import StartServices
+from bridge.driver.probes import AnswerTimes, LatencyProbe
 from bridge.driver.run_loop import run_plant
 from bridge.driver.topics import CommandInput, ScanTopic, SensorTopics, SimulationServices, StatusTopics, TruthTopics
 from bridge.driver.world import DriverWorld, robot_name
-from bridge.plants.base import Plant, SimulatedPlant, make_plant
+from bridge.plants.base import HardwarePlant, Plant, SimulatedPlant, make_plant
 from bridge.plants.config import DriverConfig, LoopConfig, read_options
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensors import read_sensor_errors
@@ -79,6 +80,8 @@ class RobotDriver(PoiseNode):
         if simulated is not None:
             start = default_config(LoopConfig, "bridge", "closed_loop")
             self.drivers = self._simulated = SimulatedDrivers(simulated, self.model, start)
+        elif isinstance(plant, HardwarePlant):
+            self.drivers = HardwareDrivers(plant, self.model)
         else:
             self.drivers = Drivers(plant, self.model)
         self.period = plant.period / (1.0 if simulated is None else config.speed)
@@ -93,6 +96,11 @@ class RobotDriver(PoiseNode):
             self, self.drivers, self._period_ns, age_max, self._probe, self._status.publish_state
         )
         self._calibration = CalibrationFile(self, NO_FILE)
+        self._start: StartServices | None = None
+        if isinstance(self.drivers, HardwareDrivers):
+            self._start = StartServices(self, self.drivers, self._status.publish_state)
+        self._answers = AnswerTimes()
+        self._sent = 0  # stamp of the newest command that a real robot has [ns]
         self._stamp = self._published_stamp = 0  # of the newest and the last published sample [ns]
         self._scan: ScanTopic | None = None
         if self._simulated is not None:
@@ -171,6 +179,26 @@ class RobotDriver(PoiseNode):
         return self.commands.stamp == self.stamp or not self._sensing or self.simulation.faults.corrupted
 
     @property
+    def follows_samples(self) -> bool:
+        """Whether ticks begin with the samples of a real robot."""
+        return self._start is not None
+
+    @property
+    def sample_due(self) -> bool:
+        """Whether the next sample of a real robot has arrived."""
+        return isinstance(self.drivers, HardwareDrivers) and self.drivers.plant.arrived
+
+    @property
+    def command_due(self) -> bool:
+        """Whether a command has come that the drives do not have yet, or none is awaited."""
+        return not self.drivers.awaits_command or self.commands.stamp > self._sent
+
+    @property
+    def fresh(self) -> bool:
+        """Whether this tick has a new sample."""
+        return self.drivers.stale == 0.0
+
+    @property
     def behind(self) -> bool:
         """Whether simulated time waits: command or supervisor answer old sensors, and the longest wait is not over.
 
@@ -213,6 +241,7 @@ class RobotDriver(PoiseNode):
                 self.counters["ticks without a new sample"] += 1
                 return
             self._published_stamp = self._stamp
+            self._answers.arrive(self._stamp)
         self.commands.now = self.stamp
         if self._sensing:
             self._publish_sensors(late)
@@ -233,6 +262,9 @@ class RobotDriver(PoiseNode):
     def step(self) -> None:
         """Advance by one tick."""
         self.drivers.act()
+        if self._start is not None:
+            self._sent = self.commands.stamp
+            self._answers.send(self._sent)
         if self._simulated is not None:
             self._simulated.plant.step()
         self.after_physics()
@@ -244,6 +276,8 @@ class RobotDriver(PoiseNode):
         self._settled = None
         self.tick += 1
         self._status.publish_state()
+        if self._start is not None and self.tick % self.slow_ticks == 0:
+            self._start.publish()
 
     def overrun(self, ticks: int) -> None:
         """Count skipped ticks."""
@@ -273,6 +307,11 @@ class RobotDriver(PoiseNode):
                 f"slow; poise status has the present factor",
                 throttle_duration_sec=60.0,
             )
+        if self._start is not None:
+            self.level, message = self._start.diagnose()
+            self.message = f"{self.message}; {message}"
+            self.values |= self._start.values
+            self.values["sample to command [ms]"] = self._answers.summary
         if self._simulated is not None:
             self.values["faults injected"] = self._simulated.plant.faults.summary
 

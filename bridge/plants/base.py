@@ -19,7 +19,11 @@ from models.scan import Scan
 from models.types import JointCommand, RobotState, SensorData, Vector
 
 GROUP = "poise.plants"  #: Entry points of installed plants
-BUILT_IN: Mapping[str, str] = {"mujoco": "bridge.plants.mujoco:MujocoPlant"}  #: Plants of this package, by name
+#: Plants of this package, by name
+BUILT_IN: Mapping[str, str] = {
+    "mujoco": "bridge.plants.mujoco:MujocoPlant",
+    "unitree": "bridge.plants.unitree.plant:UnitreePlant",
+}
 
 
 class Plant(Protocol):
@@ -44,6 +48,49 @@ class Plant(Protocol):
 
     def close(self) -> None:
         """Release the torque and the connection; otherwise the robot may keep its last command."""
+
+
+@runtime_checkable
+class HardwarePlant(Plant, Protocol):
+    """A real robot, which is started from its vendor's controller by ``bridge/driver/startup.py``.
+
+    All properties are those of the newest ``read``. ``write`` is not called before the vendor's controller is released.
+    """
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the last driver ended without ``close``; the robot may have executed its last command since."""
+
+    @property
+    def arrived(self) -> bool:
+        """Whether a newer sample than that of the last ``read`` is there; checked without waiting."""
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Why the robot's messages cannot be used; empty when all checks pass."""
+
+    @property
+    def vendor(self) -> str | None:
+        """Name of the vendor's active controller, empty when none is active, None while unknown."""
+
+    @property
+    def stop(self) -> str:
+        """Reason to damp at once: the remote controller or a monitor; empty for none."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the monitors report, without an effect."""
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """What the monitors report, for which no motion and no walk may begin."""
+
+    @property
+    def report(self) -> Mapping[str, str]:
+        """Further entries of the diagnostics."""
+
+    def release_vendor(self) -> None:
+        """Request the end of the vendor's controller, again where it has not been answered."""
 
 
 class Obstacle(Protocol):

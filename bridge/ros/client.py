@@ -17,7 +17,7 @@ from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.status import subscribe_status
-from models.status import GET_UP, MotionState, MotionStatus, SupervisorStatus
+from models.status import GET_UP, MotionState, MotionStatus, StartStatus, SupervisorStatus
 from models.types import CommandReply, Mode
 
 if TYPE_CHECKING:
@@ -200,11 +200,18 @@ def overview(client: Client) -> dict[str, str]:
     """Lines by their name; ``CommandError`` when no robot is up."""
     factor: list[float] = []
     commander: list[str] = []
+    start: list[StartStatus] = []
     listen = client.node.create_subscription
     listen(Float64, topics.REAL_TIME_FACTOR, lambda message: factor.append(message.data), LATCHED)
     listen(String, topics.COMMANDER, lambda message: commander.append(message.data), LATCHED)
+    subscribe_status(client.node, StartStatus, topics.START_STATUS, start.append, LATCHED)
     client.robot(ROBOT_TIMEOUT)
-    client.wait(lambda: bool(factor and commander and client.driver_state), TOPICS_TIMEOUT)
+
+    def complete() -> bool:
+        real = client.node.count_publishers(topics.START_STATUS) > 0
+        return bool(factor and commander and client.driver_state and (start or not real))
+
+    client.wait(complete, TOPICS_TIMEOUT)
     status = client.status
     assert status is not None  # there is a robot
     return {
@@ -212,8 +219,14 @@ def overview(client: Client) -> dict[str, str]:
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
         "real-time factor": f"{factor[-1]:.2f}" if factor else "unknown",
         "in command": commander[-1] if commander else "unknown",
-        "next": next_step(status),
+        **(_start_lines(start[-1]) if start else {}),
+        "next": next_step(status) if not start or not start[-1].waits_for else start[-1].waits_for,
     }
+
+
+def _start_lines(start: StartStatus) -> dict[str, str]:
+    """Lines of a real robot."""
+    return {"start": start.state, "monitors": "; ".join((*start.holds, *start.warnings)) or "no warnings"}
 
 
 def next_step(status: SupervisorStatus) -> str:

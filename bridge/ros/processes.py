@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -29,11 +29,16 @@ CLEAN_EXITS = (0, -signal.SIGTERM)
 
 @dataclass(frozen=True, slots=True)
 class ProcessSpec:
-    """A Python module with a ``main``, and its nodes in activation order; the graph runs on without an optional one."""
+    """A Python module with a ``main``, and its nodes in activation order; the graph runs on without an optional one.
+
+    ``arguments`` precede those of ROS; ``environment`` is in addition to that of the graph.
+    """
 
     module: str
     nodes: tuple[str, ...]
     optional: bool = False
+    arguments: tuple[str, ...] = ()
+    environment: Mapping[str, str] = field(default_factory=dict)
 
 
 def absolute_namespace(namespace: str) -> str:

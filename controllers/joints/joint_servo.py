@@ -102,6 +102,11 @@ class JointServo:
         """A copy of the setpoint in force, before any fade."""
         return JointCommand(*self._setpoint.copy())
 
+    @property
+    def commanded(self) -> bool:
+        """Whether a setpoint has been accepted since ``arm`` or ``blend``."""
+        return self._first_command is not None
+
     def arm(self) -> None:
         """Accept commands from now on; clears a latched fault. The first setpoints are faded in."""
         self.state = ServoState.ACTIVE

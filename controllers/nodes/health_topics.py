@@ -19,7 +19,15 @@ from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.messages import stamp_ns
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import LATCHED, PUBLISHER, SENSOR
-from models.status import ControlStatus, EstimatorStatus, GaitStatus, MotionState, MotionStatus, NodeStatus
+from models.status import (
+    ControlStatus,
+    EstimatorStatus,
+    GaitStatus,
+    MotionState,
+    MotionStatus,
+    NodeStatus,
+    StartStatus,
+)
 from models.types import SolveStatus, Vector
 
 #: Before the first report of the controller
@@ -66,6 +74,7 @@ class HealthTopics:
         self._control = NO_CONTROL
         self._coasting_since: int | None = None
         self._gait = GaitStatus(ready=False, settled=True)
+        self._hardware: tuple[str, ...] = ()
         self._alive: dict[str, float] = {}
         self._last_stamps, self._silence = [0, 0], [0, 0]  # of state and command [ns]
         self._checked = 0  # time of the plant at the last check [ns]
@@ -84,6 +93,7 @@ class HealthTopics:
         node.listen_status(MotionStatus, topics.MOTION_STATUS, self._on_motion)
         node.listen_status(GaitStatus, topics.GAIT_STATUS, self._on_gait, LATCHED)
         node.listen_status(NodeStatus, topics.NODE_STATUS, self._on_node)
+        node.listen_status(StartStatus, topics.START_STATUS, self._on_start, LATCHED)
         node.listen_status(ControlStatus, topics.CONTROL_STATUS, self._on_control, on_malformed=self._on_bad_control)
         node.listen_status(
             EstimatorStatus, topics.ESTIMATOR_STATUS, self._on_estimator, on_malformed=self._on_bad_estimator
@@ -184,6 +194,7 @@ class HealthTopics:
             coasting=0.0 if self._coasting_since is None else (self.now - self._coasting_since) / NANOSECONDS,
             silent=tuple(name for name, seen in self._alive.items() if seen < oldest),
             intruders=self.intruders,
+            hardware=self._hardware,
             joint_fault=self._control.joint_fault if driver_state == topics.ACTIVE else "",
         )
 
@@ -222,6 +233,9 @@ class HealthTopics:
 
     def _on_gait(self, status: GaitStatus) -> None:
         self._gait = status
+
+    def _on_start(self, status: StartStatus) -> None:
+        self._hardware = tuple(reason[:REASON_MAX] for reason in status.holds)
 
     def _on_node(self, status: NodeStatus) -> None:
         if status.name in WATCHED:

@@ -253,6 +253,9 @@ class SupervisorNode(PoiseNode):
         before, self._driver_state = self._driver_state, message.data
         if message.data == topics.HELD and before:
             self._law.reset()
+            if before == topics.HANGING:  # the estimator starts again: what was seen in the air is no evidence
+                self._probe.stop()
+                self._probe_until = time.monotonic()
         elif message.data == topics.HANGING:
             self._law.reset()
             self._law.set_preflight(self._hanging())

@@ -85,12 +85,14 @@ class Health:
     coasting: float = 0.0  # time without samples of the IMU or the joints [s]
     silent: tuple[str, ...] = ()  # nodes without a sign of life, apart from those that the stamps cover
     intruders: tuple[str, ...] = ()  # sentences on sensor topics with a second publisher
+    hardware: tuple[str, ...] = ()  # sentences of the monitors of a real robot
     joint_fault: str = ""  # of a motor or an encoder; empty without one
 
     def problems(self, config: SupervisorConfig, t: float) -> list[Problem]:
         """Problems at time t [s], most severe first; empty when healthy."""
         found = [Problem(Severity.DAMP, reason) for reason in self._damping(config, t)]
         found += [Problem(Severity.STAND, reason) for reason in self.intruders]
+        found += [Problem(Severity.HOLD, reason) for reason in self.hardware]
         return found + [Problem(Severity.HOLD, f"node '{node}' gives no sign of life") for node in self.silent]
 
     def _damping(self, config: SupervisorConfig, t: float) -> list[str]:

@@ -31,6 +31,8 @@ PACKAGES = {
     "control_msgs": ("trajectory_msgs", "geometry_msgs"),
     "tf2_msgs": ("geometry_msgs",),
     "example_interfaces": (),
+    "unitree_hg": (),
+    "unitree_api": (),
 }
 #: Packages that every service or action refers to
 ALWAYS = ("action_msgs", "service_msgs", "unique_identifier_msgs", "builtin_interfaces", "std_msgs")

@@ -70,6 +70,9 @@ CONTROL_STATUS, ESTIMATOR_STATUS = "balance_controller/status", "state_estimator
 GAIT_STATUS, ROUTE_STATUS, MOTION_STATUS = "gait/status", "gait/route_status", "motion/status"
 SUPERVISOR_STATUS, NODE_STATUS = "supervisor/status", "node_status"  #: Records of ``models/status.py``, for programs
 SUPERVISOR_TIME = "supervisor/time"  #: Time up to which the supervisor has judged the state
+START_STATUS = "start/status"  #: Record of the start of a real robot
+#: Services of the operator of a real robot
+START_SERVICES = ("start/confirm_gantry", "start/prepare", "start/lower", "start/damp")
 REFUSALS = "refusals"  #: What each node refused last, with the reason
 STOP_MOTION = "stop"  #: ``motion/request`` that asks the controller to hold the present posture
 

@@ -47,10 +47,13 @@ def plain_environment(root: Path, folder: Path) -> dict[str, str]:
         folder: Of the test, for logs.
     """
     plain = {name: value for name, value in os.environ.items() if not name.startswith(("ROS_", "FAST"))}
-    return plain | {"PYTHONPATH": str(root), "ROS_DOMAIN_ID": "7", "ROS_LOG_DIR": str(folder / "log")}
+    path = os.pathsep.join(filter(None, (str(root), os.environ.get("PYTHONPATH"))))
+    return plain | {"PYTHONPATH": path, "ROS_DOMAIN_ID": "7", "ROS_LOG_DIR": str(folder / "log")}
 
 
-def staged(scripts: Mapping[str, str], arguments: Sequence[str], folder: Path, root: Path) -> Any:
+def staged(
+    scripts: Mapping[str, str], arguments: Sequence[str], folder: Path, root: Path, timeout: float = 150.0
+) -> Any:
     """Run ``stage.py`` in a network namespace of its own, or skip the test where that is not permitted.
 
     Args:
@@ -58,6 +61,7 @@ def staged(scripts: Mapping[str, str], arguments: Sequence[str], folder: Path, r
         arguments: Of the stage.
         folder: Where the scripts are and run.
         root: Of the checkout.
+        timeout: For the whole stage [s].
 
     Returns:
         What the JSON says.
@@ -69,7 +73,7 @@ def staged(scripts: Mapping[str, str], arguments: Sequence[str], folder: Path, r
         (folder / name).write_text(text, encoding="utf-8")
     done = subprocess.run(
         [*command, sys.executable, "stage.py", *arguments],
-        cwd=folder, env=plain_environment(root, folder), capture_output=True, text=True, timeout=150, check=False,
+        cwd=folder, env=plain_environment(root, folder), capture_output=True, text=True, timeout=timeout, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout.strip().splitlines()[-1])

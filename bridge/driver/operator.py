@@ -1,0 +1,78 @@
+"""Start of a real robot for people: services, status record, and diagnostics."""
+
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from std_srvs.srv import Trigger
+
+from bridge.driver.drivers import HardwareDrivers
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.qos import LATCHED
+from models.status import StartStatus
+
+
+class StartServices:
+    """Services ``start/confirm_gantry``, ``start/prepare``, ``start/lower`` and ``start/damp``; topic ``start/status``.
+
+    A service answers with its effect or the reason of the refusal. ``on_change`` is called when a service may have
+    changed the state of the drivers.
+    """
+
+    def __init__(self, node: PoiseNode, drivers: HardwareDrivers, on_change: Callable[[], None]) -> None:
+        self._node, self._drivers, self._on_change = node, drivers, on_change
+        self._publish = node.announce_status(topics.START_STATUS, LATCHED)
+        self._published: StartStatus | None = None
+        self._state = ""
+        startup = drivers.startup
+        acts = (startup.confirm_gantry, startup.prepare, startup.lower, lambda: startup.damp("start/damp was called"))
+        for name, act in zip(topics.START_SERVICES, acts, strict=True):
+            self._offer(name, act)
+
+    def _offer(self, name: str, act: Callable[[], str]) -> None:
+        def on_call(request: Any, response: Any) -> Any:
+            try:
+                response.message, response.success = act(), True
+                self._node.get_logger().info(f"{name}: {response.message}")
+            except PoiseError as error:
+                self._node.refuse(name, error)
+                response.message, response.success = str(error), False
+            self._on_change()
+            self.publish()
+            return response
+
+        self._node.serve(Trigger, name, on_call)
+
+    def publish(self) -> None:
+        """Publish the status if it has changed; log each change of the state."""
+        startup, plant = self._drivers.startup, self._drivers.plant
+        status = StartStatus(str(startup.state), startup.waits_for, plant.warnings, plant.holds)
+        if status == self._published:
+            return
+        if status.state != self._state:
+            self._state = status.state
+            self._node.get_logger().info(f"start: {status.state}; waits for {status.waits_for or 'nothing'}")
+        self._published = status
+        self._publish(status)
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Entries of the diagnostics."""
+        startup = self._drivers.startup
+        return {
+            "start": str(startup.state),
+            "start waits for": startup.waits_for,
+            "load on the feet [%]": f"{100.0 * startup.load:.0f}",
+            **self._drivers.plant.report,
+        }
+
+    def diagnose(self) -> tuple[Any, str]:
+        """Level and message of the diagnostics."""
+        startup, plant = self._drivers.startup, self._drivers.plant
+        parts = [f"start '{startup.state}'", *plant.holds, *plant.warnings]
+        if plant.stop:
+            return DiagnosticStatus.ERROR, "; ".join([*parts, plant.stop])
+        level = DiagnosticStatus.WARN if plant.holds or plant.warnings or startup.reason else DiagnosticStatus.OK
+        return level, "; ".join([*parts, startup.reason] if startup.reason else parts)

@@ -1,0 +1,315 @@
+"""Start of a real robot, from its vendor's controller to standing, as a state machine without ROS.
+
+    listen -> gantry -> release -> damp -> prepare -> hanging -> held -> loaded -> stand
+                                                         any of these from release on -> damped -> prepare
+
+Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. ``gantry`` waits
+for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``. ``held`` is stiff in the
+standing posture until the load on the feet, which follows from the joint torques, equals the weight. ``loaded`` stays
+stiff until the joint drivers execute commands, which then replace the stiff hold over the time ``fade``; a robot that
+is lifted before that is ``held`` again.
+"""
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from pydantic.dataclasses import dataclass
+
+from controllers.joints.joint_servo import JointServoConfig, drive_torque
+from models.config import STRICT, Fraction, NonNegative, Positive, default_config
+from models.errors import CommandError
+from models.robot_model import RobotModel
+from models.types import JointCommand, SensorData, Vector
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class StartupConfig:
+    """Schema of ``bridge/config/startup.yaml``, which has units and meanings."""
+
+    listen_time: Positive
+    release_timeout: Positive
+    settle_time: NonNegative
+    rest_speed: Positive
+    ramp_speed: Positive
+    ramp_time: Positive
+    ramp_error: Positive
+    stiffness: Positive
+    damping: Positive
+    load_window: Positive
+    load_tolerance: Fraction
+    load_time: NonNegative
+    tilt_max: Positive
+    fade: Positive
+    damp_ramp: Positive
+
+
+class StartState(StrEnum):
+    """State of the start."""
+
+    LISTEN = "listen"  # checks of the robot's messages; nothing is commanded
+    GANTRY = "gantry"  # the operator confirms that the robot hangs; nothing is commanded
+    RELEASE = "release"  # the vendor's controller ends; nothing is commanded
+    DAMP = "damp"  # the joints come to rest
+    PREPARE = "prepare"  # slow ramp to the standing posture, in the air
+    HANGING = "hanging"  # stiff, in the air
+    HELD = "held"  # stiff, on the way to the ground
+    LOADED = "loaded"  # stiff, on its feet
+    STAND = "stand"  # the joint drivers are in command
+    DAMPED = "damped"  # after a stop or a fault
+
+
+BEFORE_RELEASE = (StartState.LISTEN, StartState.GANTRY)  #: The vendor's controller is in command
+_WAITS = {
+    StartState.GANTRY: "the operator: hang the robot from its gantry and call start/confirm_gantry",
+    StartState.HANGING: "the operator: call start/lower, and lower the robot onto its feet",
+    StartState.LOADED: "the supervisor: mode 'stand'",
+    StartState.STAND: "",
+}
+
+
+class StartInputs(NamedTuple):
+    """What one tick of the start depends on."""
+
+    sensors: SensorData
+    findings: Sequence[str] = ()  # why the robot's messages cannot be used
+    vendor: str | None = None  # name of the vendor's active controller, empty when released, None while unknown
+    load: float = 0.0  # vertical force on both feet as a share of the weight [-]
+    tilt: float = 0.0  # of the base [rad]
+    driven: bool = False  # the joint drivers execute commands
+    stop: str = ""  # reason to damp at once
+
+
+class Startup:
+    """The state machine. A tick is ``update``, then ``command``.
+
+    ``crashed`` is whether the last driver ended without damping the robot: then only damping is possible. The methods
+    of the operator raise ``CommandError`` with the reason of a refusal.
+    """
+
+    def __init__(self, model: RobotModel, config: StartupConfig | None = None, *, crashed: bool = False) -> None:
+        self.config = config or default_config(StartupConfig, "bridge", "startup")
+        self.model = model
+        self.state = StartState.LISTEN
+        self.reason = ""  #: Why the robot is damped, or was not released
+        self.load = 0.0  #: Load on the feet, averaged over ``load_window``, as a share of the weight [-]
+        self._crashed = crashed
+        self._target = model.posture("stand").copy()
+        self._kp, self._kd = self.config.stiffness * model.kp, self.config.damping * model.kd
+        self._damping = default_config(JointServoConfig, "controllers", "joint_servo").damping_scale * model.kd
+        self._elapsed = 0.0  # in this state, by the robot's clock [s]
+        self._good = 0.0  # time for which the condition of the state has held [s]
+        self._t: float | None = None
+        self._from = self._target  # joint positions at the start of the ramp (nj,) [rad]
+        self._ramp = self.config.ramp_time
+        self._tau_at_fault = np.zeros(model.nj)
+        self._last: JointCommand | None = None
+        self._findings: Sequence[str] = ("no message of the robot yet",)
+        if crashed:
+            self.state = StartState.DAMPED
+            self.reason = "the driver ended without damping the robot"
+
+    @property
+    def waits_for(self) -> str:
+        """What ends the present state; empty for none."""
+        state, config = self.state, self.config
+        if state in _WAITS:
+            return f"{_WAITS[state]} (before: {self.reason})" if self.reason else _WAITS[state]
+        if state is StartState.LISTEN:
+            return "; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s"
+        if state is StartState.RELEASE:
+            return "the vendor's controller to end"
+        if state is StartState.DAMP:
+            return f"the joints to be slower than {config.rest_speed:g} rad/s for {config.settle_time:g} s"
+        if state is StartState.PREPARE:
+            return f"the ramp to the standing posture, {max(self._ramp - self._elapsed, 0.0):.1f} s"
+        if state is StartState.HELD:
+            return f"the weight on the feet: {100.0 * self.load:.0f} %"
+        if self._crashed:
+            return f"the operator: hang the robot up, end poise up with Ctrl-C and start it again ({self.reason})"
+        return f"the operator: hang the robot up and call start/prepare (damped: {self.reason})"
+
+    @property
+    def commands(self) -> bool:
+        """Whether this computer commands the drives."""
+        return self.state not in (*BEFORE_RELEASE, StartState.RELEASE)
+
+    @property
+    def supported(self) -> bool:
+        """Whether the robot hangs, or its vendor's controller holds it."""
+        return self.state not in (StartState.LOADED, StartState.STAND, StartState.DAMPED)
+
+    @property
+    def armable(self) -> bool:
+        """Whether the joint drivers may be armed."""
+        return self.state in (StartState.LOADED, StartState.STAND)
+
+    @property
+    def fading(self) -> bool:
+        """Whether the stiff hold still acts."""
+        return self.state is StartState.LOADED or (self.state is StartState.STAND and self._elapsed < self.config.fade)
+
+    def confirm_gantry(self) -> str:
+        """The operator confirms that the robot hangs; the vendor's controller is released."""
+        self._require("confirm_gantry", StartState.GANTRY)
+        self._enter(StartState.RELEASE)
+        return "the vendor's controller is released; the robot goes limp, then is damped"
+
+    def lower(self) -> str:
+        """The operator lowers the robot."""
+        self._require("lower", StartState.HANGING)
+        self._enter(StartState.HELD)
+        return "lower the robot; it stands by itself when its feet bear the weight"
+
+    def prepare(self) -> str:
+        """The operator has hung the damped robot up again; the joints move to the standing posture."""
+        self._require("prepare", StartState.DAMPED)
+        if self._crashed:
+            raise CommandError(f"prepare refused: {self.waits_for}")
+        if self._findings:
+            raise CommandError(f"prepare refused: {'; '.join(self._findings)}")
+        self._enter(StartState.DAMP)
+        return "the joints move to the standing posture"
+
+    def damp(self, reason: str) -> str:
+        """Damp the robot at once. Before the release the vendor's controller is in command, and this is refused."""
+        if self.state in BEFORE_RELEASE:
+            raise CommandError(
+                "damp refused: the vendor's controller is in command; damp with the vendor's remote controller"
+            )
+        if self.state is not StartState.DAMPED:
+            self.reason = reason
+            self._enter(StartState.DAMPED)
+        return "joints are damped"
+
+    def update(self, inputs: StartInputs) -> StartState:
+        """One tick; returns the state."""
+        sensors, config = inputs.sensors, self.config
+        dt = 0.0 if self._t is None else max(sensors.t - self._t, 0.0)
+        self._t, self._findings = sensors.t, inputs.findings
+        self._elapsed += dt
+        share = min(dt / config.load_window, 1.0)
+        self.load += share * (inputs.load - self.load) if np.isfinite(inputs.load) else -share * self.load
+        if inputs.stop:
+            self._stop(inputs.stop)
+        elif self.state is StartState.LISTEN:
+            if self._holds(not inputs.findings, dt, config.listen_time):
+                self._enter(StartState.GANTRY)
+        elif self.state is StartState.GANTRY:
+            if inputs.findings:
+                self._enter(StartState.LISTEN)
+        elif self.state is StartState.RELEASE:
+            self._release(inputs)
+        elif self.state is StartState.DAMP:
+            if self._holds(bool(np.abs(sensors.v).max() < config.rest_speed), dt, config.settle_time):
+                self._begin_ramp(sensors.q)
+        elif self.state is StartState.PREPARE:
+            self._follow_ramp(sensors.q)
+        elif self.state is StartState.HELD:
+            stands = abs(self.load - 1.0) < config.load_tolerance and inputs.tilt < config.tilt_max
+            if self._holds(stands, dt, config.load_time):
+                self._enter(StartState.LOADED)
+        elif self.state is StartState.LOADED:
+            if inputs.driven:
+                self._enter(StartState.STAND)
+            elif self._holds(abs(self.load - 1.0) > 2.0 * config.load_tolerance, dt, config.load_time):
+                self._enter(StartState.HELD)
+        return self.state
+
+    def command(self, sensors: SensorData, driver: JointCommand) -> JointCommand | None:
+        """Command of the drives, where ``driver`` is that of the joint drivers; None while nothing is commanded."""
+        state = self.state
+        if not self.commands:
+            return None
+        if state is StartState.STAND:
+            given = self._faded(driver) if self.fading else driver
+        elif state in (StartState.DAMP, StartState.DAMPED):
+            given = self._damped()
+        else:
+            given = self._held()
+        self._last = JointCommand(*(np.array(row) for row in self._rows(given)))
+        if state is not StartState.DAMPED:
+            self._tau_at_fault = drive_torque(self.model, self._last, sensors.q, sensors.v)
+        return given
+
+    def _require(self, name: str, state: StartState) -> None:
+        if self.state is not state:
+            raise CommandError(f"{name} refused in state '{self.state}', which waits for {self.waits_for or 'nothing'}")
+
+    def _enter(self, state: StartState) -> None:
+        self.state, self._elapsed, self._good = state, 0.0, 0.0
+        if state not in (StartState.DAMPED, StartState.GANTRY):
+            self.reason = ""
+
+    def _holds(self, condition: bool, dt: float, time: float) -> bool:
+        """Whether a condition has held for a time [s]."""
+        self._good = self._good + dt if condition else 0.0
+        return condition and self._good >= time
+
+    def _stop(self, reason: str) -> None:
+        """Damp; before the release, where nothing is commanded, begin again."""
+        if self.state in BEFORE_RELEASE:
+            self._findings = (reason,)
+            self._enter(StartState.LISTEN)
+        else:
+            self.damp(reason)
+
+    def _release(self, inputs: StartInputs) -> None:
+        if inputs.vendor == "":
+            self._enter(StartState.DAMP)
+        elif self._elapsed > self.config.release_timeout:
+            who = "its state is unknown" if inputs.vendor is None else f"'{inputs.vendor}' is active"
+            self._enter(StartState.LISTEN)
+            self.reason = f"the vendor's controller did not end: {who}"
+
+    def _begin_ramp(self, q: Vector) -> None:
+        self._enter(StartState.PREPARE)
+        self._from = q.copy()
+        self._ramp = max(float(np.abs(self._target - q).max()) / self.config.ramp_speed, self.config.ramp_time)
+
+    def _follow_ramp(self, q: Vector) -> None:
+        behind = np.abs(self._reference() - q)
+        if behind.max() > self.config.ramp_error:
+            worst = int(behind.argmax())
+            self.damp(f"joint '{self.model.joint_names[worst]}' is {behind[worst]:.2f} rad behind the ramp")
+        elif self._elapsed >= self._ramp:
+            self._enter(StartState.HANGING)
+
+    def _reference(self) -> Vector:
+        """Position of the stiff hold (nj,) [rad]."""
+        if self.state is not StartState.PREPARE:
+            return self._target
+        u = min(self._elapsed / self._ramp, 1.0)
+        return self._from + u * u * (3.0 - 2.0 * u) * (self._target - self._from)
+
+    def _held(self) -> JointCommand:
+        """Stiff hold; its gains grow from those of damping in the first third of the ramp."""
+        share = min(3.0 * self._elapsed / self._ramp, 1.0) if self.state is StartState.PREPARE else 1.0
+        zero = np.zeros(self.model.nj)
+        kd = self._damping + share * (self._kd - self._damping)
+        return JointCommand(self._reference(), zero, zero, share * self._kp, kd)
+
+    def _damped(self) -> JointCommand:
+        """Damping; after a stop, the last torque fades into it."""
+        zero = np.zeros(self.model.nj)
+        share = min(self._elapsed / self.config.damp_ramp, 1.0) if self.state is StartState.DAMPED else 1.0
+        return JointCommand(zero, zero, (1.0 - share) * self._tau_at_fault, zero, share * self._damping)
+
+    def _rows(self, command: JointCommand) -> tuple[Vector, ...]:
+        kp = self.model.kp if command.kp is None else command.kp
+        kd = self.model.kd if command.kd is None else command.kd
+        return command.q, command.v, command.tau, kp, kd
+
+    def _faded(self, driver: JointCommand) -> JointCommand:
+        """Weighted mean of the torques of the stiff hold and of the drivers' command, as one command.
+
+        The torque of the mean is linear in q and v: its gains are the means of the gains, and the remainder is torque.
+        """
+        u = self._elapsed / self.config.fade
+        new = u * u * (3.0 - 2.0 * u)
+        hold, given = self._rows(self._held()), self._rows(driver)
+        kp = (1.0 - new) * hold[3] + new * given[3]
+        kd = (1.0 - new) * hold[4] + new * given[4]
+        tau = (1.0 - new) * (hold[2] + hold[3] * (hold[0] - given[0]) + hold[4] * (hold[1] - given[1])) + new * given[2]
+        return JointCommand(given[0], given[1], tau, kp, kd)

@@ -1,0 +1,98 @@
+"""Network of a real robot: the processes that join it, and the Fast DDS profile that lets only them do so.
+
+All participants of a process share its transports. So the driver and the guard get a profile with loopback and the
+address of one interface, and the rest of the graph stays on loopback. The robot is discovered by multicast in its own
+DDS domain; the graph must have another one, or its topics would be offered to the robot's network.
+"""
+
+import fcntl
+import os
+import socket
+import struct
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+
+from bridge.ros.environment import PROFILE_VARIABLE
+from bridge.ros.processes import BRIDGE, ProcessSpec
+from models.errors import ConfigError
+from models.files import state_folder
+
+_XML = "http://www.eprosima.com"  #: Namespace of the profile
+_GET_ADDRESS, _GET_FLAGS = 0x8915, 0x8913  #: ioctl of Linux: IPv4 address and flags of an interface
+_UP = 0x1  #: Flag of an interface that is up
+SPDP_GROUP = "239.255.0.1"  #: Multicast group of discovery (DDSI-RTPS 9.6.1)
+LOOPBACK = "127.0.0.1"
+GUARD = "bridge.nodes.damping_guard"  #: Module of the guard process
+
+
+def interface_address(name: str) -> str:
+    """IPv4 address of a network interface that is up; ``ConfigError`` names the known ones otherwise."""
+    known = [each for _, each in socket.if_nameindex()]
+    if name not in known:
+        raise ConfigError(f"--network-interface: no interface '{name}'; known: {', '.join(known)}")
+    request = struct.pack("256s", name.encode())
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            (flags,) = struct.unpack_from("H", fcntl.ioctl(probe, _GET_FLAGS, request), 16)
+            address = socket.inet_ntoa(fcntl.ioctl(probe, _GET_ADDRESS, request)[20:24])
+        except OSError as error:
+            raise ConfigError(
+                f"--network-interface: '{name}' has no IPv4 address; give it one in the robot's network, such as "
+                f"sudo ip address add 192.168.123.222/24 dev {name}"
+            ) from error
+    if not flags & _UP:
+        raise ConfigError(f"--network-interface: '{name}' is down: sudo ip link set {name} up")
+    return address
+
+
+def profile_text(address: str) -> str:
+    """The profile of ``bridge/config/loopback.xml`` with an additional interface and discovery by multicast."""
+    ET.register_namespace("", _XML)
+    root = ET.fromstring((Path(str(files("bridge"))) / "config" / "loopback.xml").read_text(encoding="utf-8"))
+    if address != LOOPBACK:
+        allowed = _one(root, "interfaceWhiteList")
+        ET.SubElement(allowed, f"{{{_XML}}}address").text = address
+        builtin = _one(root, "builtin")
+        builtin.remove(_one(builtin, "metatrafficUnicastLocatorList"))  # it excludes multicast
+        peers = _one(root, "initialPeersList")
+        peer = ET.SubElement(ET.SubElement(peers, f"{{{_XML}}}locator"), f"{{{_XML}}}udpv4")
+        ET.SubElement(peer, f"{{{_XML}}}address").text = SPDP_GROUP
+    return ET.tostring(root, encoding="unicode")
+
+
+def _one(root: ET.Element, name: str) -> ET.Element:
+    found = root.find(f".//{{{_XML}}}{name}")
+    if found is None:
+        raise ConfigError(f"loopback.xml: no element '{name}'")
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class RobotNetwork:
+    """Where a real robot is: interface of this computer, and DDS domain of the robot."""
+
+    interface: str
+    domain: int = 0
+
+    def check(self, graph_domain: int | None = None) -> str:
+        """Address of the interface; ``ConfigError`` when it has none, or when the graph has the robot's domain."""
+        graph = int(os.environ.get("ROS_DOMAIN_ID") or 0) if graph_domain is None else graph_domain
+        if graph == self.domain:
+            raise ConfigError(
+                f"ROS domain {graph} is the robot's: the graph's topics would be offered to its network; choose "
+                f"another one in every terminal, such as export ROS_DOMAIN_ID={self.domain + 1}"
+            )
+        return interface_address(self.interface)
+
+    def processes(self, specs: Sequence[ProcessSpec], robot: str) -> list[ProcessSpec]:
+        """The processes of a graph, the driver with the robot's network, and the guard beside it."""
+        address = self.check()
+        file = state_folder("unitree") / f"{self.interface}.xml"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(profile_text(address), encoding="utf-8")
+        environment = {PROFILE_VARIABLE: str(file), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
+        guard = ProcessSpec(GUARD, (), arguments=(robot, str(self.domain)), environment=environment)
+        return [guard, *(replace(spec, environment=environment) if spec == BRIDGE else spec for spec in specs)]

@@ -1,0 +1,60 @@
+"""Process ``damping_guard``: publishes damping LowCmds when the driver has been silent for 20 ms.
+
+    python -m bridge.nodes.damping_guard ROBOT DOMAIN
+
+It is no node of the graph: a participant in the robot's domain with one reader and one writer. It outlives the driver
+and its launcher: asked to end, or without its launcher, it damps a robot that was commanded for ``AFTERWARDS``.
+"""
+
+import os
+import signal
+import sys
+import time
+
+from bridge.plants.unitree.guard import DampingGuard
+from bridge.plants.unitree.link import CommandLink
+from models.nodes import realtime
+from models.robot_model import RobotModel
+
+PERIOD = 0.002  #: Between two checks, and between two damping commands [s]
+AFTERWARDS = 1.0  #: For how long it goes on after the end of the driver [s]
+PRIORITY = 45  #: SCHED_FIFO, above the driver; where permitted
+
+
+def main(args: list[str] | None = None) -> None:
+    """Watch until SIGTERM, or until the launcher has ended, and for a while after that."""
+    robot, domain = (sys.argv[1:] if args is None else args)[:2]
+    ending: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda number, _: ending.append(number))
+    parent = os.getppid()
+    guard = DampingGuard(RobotModel.load(robot).kd)
+    link = CommandLink(int(domain))
+    realtime.use_fifo(PRIORITY, lambda text: print(f"damping_guard: {text}", flush=True))
+    due = time.monotonic()
+    said = strangers = 0
+    try:
+        while True:
+            now = time.monotonic()
+            for data in link.take():
+                guard.receive(data, now)
+            command = guard.step(now)
+            if command is not None:
+                link.send(command)
+            if guard.interventions > said:
+                said = guard.interventions
+                print("damping_guard: the driver is silent: damping", flush=True)
+            if guard.strangers > strangers and guard.armed:
+                print(f"damping_guard: another program commands the robot: {guard.strangers} lowcmd", flush=True)
+                strangers = 10 * guard.strangers
+            ended = bool(ending) or os.getppid() != parent
+            if ended and (not guard.armed or guard.silence(now) > AFTERWARDS):
+                return
+            due = max(due + PERIOD, now)
+            time.sleep(max(due - time.monotonic(), 0.0))
+    finally:
+        link.close()
+
+
+if __name__ == "__main__":
+    main()

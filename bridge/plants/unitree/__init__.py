@@ -1,0 +1,1 @@
+"""Unitree's low-level protocol of humanoids as a plant."""

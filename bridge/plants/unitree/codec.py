@@ -1,0 +1,148 @@
+"""LowState to sensor data, joint commands to LowCmd, the robot's clock, and the buttons of the remote controller."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bridge.plants.unitree.wire import MOTORS, new_low_cmd, read_low_state, write_low_cmd
+from models.errors import ConfigError
+from models.robot_model import RobotModel
+from models.types import JointCommand, SensorData, Vector
+
+#: Joints of a G1 with 29 degrees of freedom in the order of its motors
+G1_JOINTS = tuple(
+    f"{name}_joint"
+    for name in (
+        *(f"{side}_{joint}" for side in ("left", "right") for joint in (
+            "hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")),
+        "waist_yaw", "waist_roll", "waist_pitch",
+        *(f"{side}_{joint}" for side in ("left", "right") for joint in (
+            "shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll", "wrist_pitch", "wrist_yaw")),
+    )
+)  # fmt: skip
+PITCH_ROLL = 0  #: ``mode_pr``: ankles are commanded by pitch and roll
+ENABLED = 1  #: ``mode`` of a drive that executes its command
+#: First reserved word of a LowCmd of the driver, and of its guard; the robot ignores it
+MARK, GUARD_MARK = 0x504F4953, 0x504F4947
+TICK_WRAP = 1 << 32  #: Ticks after which the robot's counter begins again
+TICK = 0.001  #: Length of a tick [s]
+#: Buttons of the remote controller by bit, from byte 2 of ``wireless_remote``
+BUTTONS = ("R1", "L1", "start", "select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left")
+_XYZW = [1, 2, 3, 0]  #: Order of a quaternion wxyz as xyzw
+_BUTTONS_AT = 2  #: Byte of the first eight buttons in ``wireless_remote``
+
+
+class TickClock:
+    """Time from the robot's tick [ms], which wraps, and begins again when the robot restarts.
+
+    The time advances by the difference of two ticks. A tick that goes back, or that jumps ahead by more than
+    ``gap_max`` [s], is a restart: the time advances by one ``period`` [s] and ``restarts`` counts it.
+    """
+
+    def __init__(self, period: float, gap_max: float) -> None:
+        self._period, self._gap_max = max(round(period / TICK), 1), round(gap_max / TICK)
+        self._last: int | None = None
+        self._ms = 0
+        self.restarts = 0  #: Jumps of the robot's clock
+
+    def step(self, tick: int) -> float:
+        """Time at a tick [s]; the same for a repeated tick."""
+        if self._last is None:
+            self._ms = self._period
+        else:
+            ahead = (tick - self._last) % TICK_WRAP
+            if ahead > self._gap_max:
+                self.restarts += 1
+                ahead = self._period
+            self._ms += ahead
+        self._last = tick
+        return self._ms * TICK
+
+
+class LowSample(NamedTuple):
+    """Contents of one LowState."""
+
+    tick: int  # of the robot [ms]
+    mode_machine: int  # type of the robot
+    sensors: SensorData
+    quaternion: Vector  # orientation of the IMU that the robot estimates, xyzw (4,)
+    temperature: Vector  # housing and winding of each motor (nj, 2) [degC]
+    voltage: Vector  # supply of each drive (nj,) [V]
+    motor_state: Vector  # error word of each drive, 0 without error (nj,)
+    remote: bytes  # remote controller
+
+    @property
+    def pressed(self) -> frozenset[str]:
+        """Buttons of the remote controller that are pressed."""
+        word = int.from_bytes(self.remote[_BUTTONS_AT : _BUTTONS_AT + 2], "little")
+        return frozenset(name for bit, name in enumerate(BUTTONS) if word >> bit & 1) if word else frozenset()
+
+
+class UnitreeCodec:
+    """Converts between serialised messages and the records of this project.
+
+    The motors are those of the joints of ``model``, in its order; ``ConfigError`` for a robot with other joints.
+    Values of the feet are nan: the robot does not measure them.
+    """
+
+    def __init__(self, model: RobotModel, clock: TickClock) -> None:
+        if model.joint_names != G1_JOINTS:
+            raise ConfigError(
+                f"robot '{model.name}': unitree_hg is known for the 29 joints of a G1 in their order; this robot has "
+                f"{model.nj} joints; use a profile that extends g1"
+            )
+        self._nj, self._clock = model.nj, clock
+        self._wrenches = np.full((2, 6), np.nan)
+        self._record = new_low_cmd()
+        self._record["mode_pr"] = PITCH_ROLL
+        self._record["reserve"][0] = MARK
+        self._motors = self._record["motor_cmd"][: self._nj]
+        self._motors["mode"] = ENABLED
+        self._kp, self._kd = model.kp, model.kd
+
+    def decode(self, data: bytes) -> LowSample:
+        """Contents of a serialised LowState; ``MessageError`` for a wrong size, checksum, or values not finite."""
+        record = read_low_state(data)
+        motors = record["motor_state"][: self._nj]
+        tick = int(record["tick"])
+        sensors = SensorData(
+            t=self._clock.step(tick),
+            q=motors["q"].astype(np.float64),
+            v=motors["dq"].astype(np.float64),
+            tau=motors["tau_est"].astype(np.float64),
+            gyro=record["gyroscope"].astype(np.float64),
+            accel=record["accelerometer"].astype(np.float64),
+            wrenches=self._wrenches,
+        )
+        return LowSample(
+            tick=tick,
+            mode_machine=int(record["mode_machine"]),
+            sensors=sensors,
+            quaternion=record["quaternion"].astype(np.float64)[_XYZW],
+            temperature=motors["temperature"].astype(np.float64),
+            voltage=motors["vol"].astype(np.float64),
+            motor_state=motors["motorstate"].astype(np.float64),
+            remote=record["wireless_remote"].tobytes(),
+        )
+
+    def encode(self, command: JointCommand, mode_machine: int, tick: int = 0) -> bytes:
+        """Serialised LowCmd of a command; ``mode_machine`` and the newest ``tick`` are those of the robot."""
+        motors = self._motors
+        motors["q"], motors["dq"], motors["tau"] = command.q, command.v, command.tau
+        motors["kp"] = self._kp if command.kp is None else command.kp
+        motors["kd"] = self._kd if command.kd is None else command.kd
+        self._record["mode_machine"], self._record["reserve"][1] = mode_machine, tick
+        return write_low_cmd(self._record)
+
+
+def joint_command(record: Any, nj: int) -> JointCommand:
+    """Command of the first ``nj`` of ``MOTORS`` motors in a record of LowCmd; a drive that is not enabled has none."""
+    motors = record["motor_cmd"][: min(nj, MOTORS)]
+    on = (motors["mode"] == ENABLED).astype(np.float64)
+    return JointCommand(
+        q=motors["q"].astype(np.float64),
+        v=motors["dq"].astype(np.float64),
+        tau=on * motors["tau"],
+        kp=on * motors["kp"],
+        kd=on * motors["kd"],
+    )

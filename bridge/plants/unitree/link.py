@@ -1,0 +1,193 @@
+"""Connection to a Unitree robot: a participant of its own in the robot's DDS domain, polled, without an executor.
+
+Unitree's services are two topics each: a request and a response with the same id. ``motion_switcher`` names the active
+controller of the robot (``CHECK``) and ends it (``RELEASE``).
+"""
+
+import json
+import time
+from typing import Any, Protocol
+
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+
+from models.errors import MessageError
+from models.nodes.interfaces import interface
+from models.nodes.spin import log_arguments
+
+CHECK, RELEASE = 1001, 1003  #: Functions of the motion switcher
+SWITCHER = "api/motion_switcher"  #: Its topics are ``request`` and ``response`` below this name
+RETRY = 0.5  #: Time without an answer after which a request is repeated [s]
+LOOK = 0.02  #: Time between two checks for an answer [s]
+QUEUE = 32  #: Messages kept between two ticks
+SENSOR = QoSProfile(depth=QUEUE, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class RobotLink(Protocol):
+    """Messages of one robot."""
+
+    def take(self) -> list[bytes]:
+        """Serialised LowStates since the last call, the oldest first."""
+
+    def send(self, data: bytes) -> None:
+        """Publish a serialised LowCmd."""
+
+    def vendor(self) -> str | None:
+        """Name of the active controller of the robot, empty when none is active, None while unknown."""
+
+    def release(self) -> None:
+        """Request the end of the active controller."""
+
+    def close(self) -> None:
+        """Leave the robot's domain."""
+
+
+class DdsLink(RobotLink):
+    """The robot over rclpy, in the robot's domain; its transports are those of this process.
+
+    Raises ``MessageError`` when the types of ``unitree_hg`` and ``unitree_api`` are not built.
+    """
+
+    def __init__(self, domain: int) -> None:
+        state, command = (interface("unitree_hg", "msg", name) for name in ("LowState", "LowCmd"))
+        self._request_type, response = (interface("unitree_api", "msg", name) for name in ("Request", "Response"))
+        self._context = Context()
+        rclpy.init(
+            args=log_arguments(),
+            context=self._context,
+            domain_id=domain,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self._node = Node(
+            "poise_unitree",
+            context=self._context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+            parameter_overrides=[Parameter("start_type_description_service", value=False)],
+        )
+        sensor = QoSProfile(depth=QUEUE, reliability=ReliabilityPolicy.BEST_EFFORT)
+        reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+        node = self._node
+        self._states = node.create_subscription(state, "lowstate", _ignore, sensor, raw=True)
+        self._responses = node.create_subscription(response, f"{SWITCHER}/response", _ignore, QoSProfile(depth=QUEUE))
+        self._commands = node.create_publisher(command, "lowcmd", reliable)
+        self._requests = node.create_publisher(self._request_type, f"{SWITCHER}/request", reliable)
+        self._id = time.monotonic_ns()
+        self._pending = 0  # id of the last Check
+        self._asked = self._looked = -RETRY
+        self._released = -RETRY
+        self._vendor: str | None = None
+
+    def take(self) -> list[bytes]:
+        return _take_all(self._states)
+
+    def send(self, data: bytes) -> None:
+        self._commands.publish(data)
+
+    def vendor(self) -> str | None:
+        now = time.monotonic()
+        if now - self._looked < LOOK:
+            return self._vendor
+        self._looked = now
+        while (response := _take(self._responses)) is not None:
+            if response.header.identity.id == self._pending and response.header.identity.api_id == CHECK:
+                self._vendor = _name_of(response)
+        if now - self._asked >= RETRY and self._reachable:
+            self._asked = now
+            self._pending = self._call(CHECK)
+        return self._vendor
+
+    def release(self) -> None:
+        now = time.monotonic()
+        if now - self._released >= RETRY and self._reachable:
+            self._released = now
+            self._call(RELEASE)
+
+    @property
+    def _reachable(self) -> bool:
+        """Whether both topics of the service are matched; a request before that has no answer."""
+        return bool(self._requests.get_subscription_count() and self._node.count_publishers(f"{SWITCHER}/response"))
+
+    def _call(self, function: int) -> int:
+        self._id += 1
+        request = self._request_type()
+        request.header.identity.id, request.header.identity.api_id = self._id, function
+        request.parameter = "{}"
+        self._requests.publish(request)
+        return self._id
+
+    def close(self) -> None:
+        self._node.destroy_node()
+        try_shutdown(context=self._context)
+
+
+class CommandLink:
+    """Both ends of ``lowcmd``, for the guard; ``MessageError`` when the types are not built."""
+
+    def __init__(self, domain: int) -> None:
+        command = interface("unitree_hg", "msg", "LowCmd")
+        self._context, self._node = _join(domain, "poise_guard")
+        self._reader = self._node.create_subscription(command, "lowcmd", _ignore, SENSOR, raw=True)
+        self._writer = self._node.create_publisher(command, "lowcmd", QoSProfile(depth=1))
+
+    def take(self) -> list[bytes]:
+        """Serialised LowCmds since the last call, the oldest first, those of this link included."""
+        return _take_all(self._reader)
+
+    def send(self, data: bytes) -> None:
+        """Publish a serialised LowCmd."""
+        self._writer.publish(data)
+
+    def close(self) -> None:
+        """Leave the robot's domain."""
+        self._node.destroy_node()
+        try_shutdown(context=self._context)
+
+
+def _join(domain: int, name: str) -> tuple[Any, Any]:
+    """A context in a DDS domain and a silent node in it: without parameters, logs and services."""
+    context = Context()
+    rclpy.init(args=log_arguments(), context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    node = Node(
+        name,
+        context=context,
+        use_global_arguments=False,
+        enable_rosout=False,
+        start_parameter_services=False,
+        parameter_overrides=[Parameter("start_type_description_service", value=False)],
+    )
+    return context, node
+
+
+def _take_all(subscription: Any) -> list[bytes]:
+    found: list[bytes] = []
+    while len(found) < QUEUE and (data := _take(subscription)) is not None:
+        found.append(bytes(data))
+    return found
+
+
+def _ignore(message: Any) -> None:
+    """Callback of polled subscriptions; never called."""
+
+
+def _take(subscription: Any) -> Any:
+    """Next message of a subscription, serialised where it is raw; None without one."""
+    with subscription.handle:
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    return None if taken is None else taken[0]
+
+
+def _name_of(response: Any) -> str:
+    """Name in a response to Check; ``MessageError`` for one that has none."""
+    if response.header.status.code:
+        raise MessageError(f"{SWITCHER}: error {response.header.status.code}")
+    try:
+        return str(json.loads(response.data).get("name", ""))
+    except (ValueError, AttributeError) as error:
+        raise MessageError(f"{SWITCHER}: response {response.data[:80]!r} is not an object of JSON") from error

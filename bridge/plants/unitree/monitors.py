@@ -1,0 +1,119 @@
+"""Monitors of a real robot: values beyond the thresholds of its profile lead to a warning, a hold, or damping."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from bridge.plants.unitree.codec import LowSample
+from models.profile import Hardware, Thresholds
+from models.robot_model import RobotModel
+from models.types import Vector
+
+WARN, HOLD, DAMP = range(3)
+_LEVELS = {"warn": WARN, "hold": HOLD, "damp": DAMP}
+LOSS_WINDOW = 1.0  #: Time over which lost states are counted [s]
+
+
+class Finding(NamedTuple):
+    """One value beyond a threshold."""
+
+    level: int  # WARN, HOLD or DAMP
+    reason: str  # joint, value and threshold
+
+
+class HardwareMonitor:
+    """Compares every state of the robot with the thresholds of its profile.
+
+    A value must be beyond a threshold for ``persistence`` before it counts. ``period`` is the time between two states
+    [s]. ``warnings``, ``holds`` and ``damps`` are the present reasons by level.
+    """
+
+    def __init__(self, model: RobotModel, hardware: Hardware, period: float) -> None:
+        self._names, self._hardware, self._period = model.joint_names, hardware, period
+        self._since: dict[tuple[str, int], float] = {}
+        self._loss = 0.0
+        self.warnings: tuple[str, ...] = ()
+        self.holds: tuple[str, ...] = ()
+        self.damps: tuple[str, ...] = ()
+        self._sample: LowSample | None = None
+
+    @property
+    def loss(self) -> float:
+        """Share of states lost in the last ``LOSS_WINDOW`` [-]."""
+        return self._loss
+
+    def step(self, sample: LowSample, lost: int, dt: float) -> None:
+        """Compare a state, before which ``lost`` states did not arrive, ``dt`` [s] after the last."""
+        share = min(dt / LOSS_WINDOW, 1.0)
+        self._loss += share * (lost / (lost + 1.0) - self._loss)
+        self._sample = sample
+        found = [finding for finding in self._find(sample) if finding is not None]
+        t = sample.sensors.t
+        present = {}
+        for finding in found:
+            for level in range(finding.level + 1):  # a hold has been a warning, too
+                key = finding.reason.partition(":")[0], level
+                present[key] = self._since.get(key, t)
+        self._since = present
+        lasting = [
+            each for each in found if t - present[each.reason.partition(":")[0], each.level] >= self._persistence
+        ]
+        self.warnings, self.holds, self.damps = (
+            tuple(each.reason for each in lasting if each.level == level) for level in (WARN, HOLD, DAMP)
+        )
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Newest values, for the diagnostics; empty before the first state."""
+        if self._sample is None:
+            return {}
+        hottest, voltage = self._sample.temperature.max(axis=1), self._sample.voltage
+        fed = voltage[voltage > 0.0]
+        return {
+            "hottest motor [degC]": f"{hottest.max():.0f} ({self._names[int(hottest.argmax())]})",
+            "lowest voltage [V]": f"{fed.min():.1f}" if fed.size else "not measured",
+            "states lost [%]": f"{100.0 * self._loss:.1f}",
+        }
+
+    @property
+    def _persistence(self) -> float:
+        return self._hardware.persistence
+
+    def _find(self, sample: LowSample) -> list[Finding | None]:
+        given = self._hardware
+        hottest = sample.temperature.max(axis=1)  # (nj,)
+        fed = np.where(sample.voltage > 0.0, sample.voltage, np.inf)  # 0: not measured
+        return [
+            self._worst("motor temperature", "degC", hottest, np.argmax, given.motor_temperature),
+            self._worst("voltage", "V", fed, np.argmin, given.voltage),
+            _beyond("lost states", self._loss, "", given.lost_packets),
+            self._error(sample.motor_state),
+        ]
+
+    def _worst(
+        self, what: str, unit: str, values: Vector, pick: Callable[[Vector], np.intp], bounds: Thresholds
+    ) -> Finding | None:
+        joint = int(pick(values))
+        return _beyond(f"{what} of '{self._names[joint]}'", float(values[joint]), unit, bounds)
+
+    def _error(self, states: Vector) -> Finding | None:
+        faulty = np.flatnonzero(states)
+        if not faulty.size:
+            return None
+        joint = int(faulty[0])
+        return Finding(
+            _LEVELS[self._hardware.motor_error],
+            f"motor of '{self._names[joint]}': error word {int(states[joint]):#x}",
+        )
+
+
+def _beyond(what: str, value: float, unit: str, bounds: Thresholds) -> Finding | None:
+    """The most severe threshold that a value is beyond; None for none."""
+    sign = 1.0 if bounds.rising else -1.0
+    for level, name in ((DAMP, "damp"), (HOLD, "hold"), (WARN, "warn")):
+        bound = getattr(bounds, name)
+        if sign * (value - bound) > 0.0:
+            side = "above" if bounds.rising else "below"
+            return Finding(level, f"{what}: {value:.3g} {unit} {side} {bound:g} {unit}".replace("  ", " ").rstrip())
+    return None

@@ -1,0 +1,140 @@
+"""The damping guard, the monitors, and the profile of the robot's network."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from bridge.launch.robot_network import LOOPBACK, RobotNetwork, interface_address, profile_text
+from bridge.plants.unitree.codec import TickClock, UnitreeCodec, joint_command
+from bridge.plants.unitree.guard import SILENCE, DampingGuard
+from bridge.plants.unitree.monitors import HardwareMonitor
+from bridge.plants.unitree.plant import UnitreePlant
+from bridge.plants.unitree.wire import LOW_STATE, new_low_cmd, read_low_cmd, write_low_cmd, write_low_state
+from models.errors import ConfigError
+from models.profile import Thresholds
+from models.robot_model import RobotModel
+from models.types import JointCommand
+
+
+@pytest.fixture(scope="module")
+def hardware() -> RobotModel:
+    return RobotModel.load("g1_hardware")
+
+
+def command_of(model: RobotModel) -> bytes:
+    rows = np.ones((5, model.nj))
+    return UnitreeCodec(model, TickClock(0.002, 1.0)).encode(JointCommand(*rows), 5)
+
+
+def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> None:
+    guard, data = DampingGuard(g1.kd), command_of(g1)
+    assert guard.step(100.0) is None  # nobody has commanded the robot
+    guard.receive(data, 100.0)
+    assert guard.step(100.0 + 0.9 * SILENCE) is None
+    made = guard.step(100.0 + 1.1 * SILENCE)
+    assert guard.strangers == 0
+    assert made is not None and (guard.active, guard.interventions) == (True, 1)
+    record = read_low_cmd(made)
+    command = joint_command(record, g1.nj)
+    assert record["mode_machine"] == 5
+    assert command.kd is not None and np.allclose(command.kd, g1.kd)
+    assert not any(np.any(row) for row in (command.q, command.v, command.tau, command.kp))
+    guard.receive(made, 100.03)  # it receives its own
+    assert guard.step(100.03) is not None
+    guard.receive(data, 100.04)
+    assert guard.step(100.041) is None and not guard.active
+    assert guard.step(100.1) is not None and guard.interventions == 2
+
+
+def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
+    guard, data = DampingGuard(g1.kd), bytearray(command_of(g1))
+    data[50] ^= 1
+    guard.receive(bytes(data), 0.0)
+    assert guard.refused == 1 and guard.step(1.0) is None and not guard.armed
+    other = new_low_cmd()
+    guard.receive(write_low_cmd(other), 0.0)
+    assert guard.strangers == 1 and guard.step(1.0) is None and not guard.armed
+
+
+def monitor_of(model: RobotModel) -> HardwareMonitor:
+    assert model.profile.hardware is not None
+    return HardwareMonitor(model, model.profile.hardware, 0.002)
+
+
+def watch(monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 0, **values: float) -> None:
+    """Feed states with the same values for all motors, or for the motor with index ``joint``."""
+    codec = UnitreeCodec(model, TickClock(0.002, 1.0))
+    record = np.zeros(1, LOW_STATE)[0]
+    motors = record["motor_state"]
+    motors["temperature"], motors["vol"] = 40, 50.0
+    joint = int(values.pop("joint", 3))
+    for name, value in values.items():
+        motors[name][joint] = value
+    for tick in range(round(time / 0.002)):
+        record["tick"] = 2 * tick
+        monitor.step(codec.decode(write_low_state(record)), lost, 0.002 * (lost + 1))
+
+
+@pytest.mark.parametrize(
+    ("values", "level", "reason"),
+    [
+        ({}, "none", ""),
+        ({"temperature": 80}, "warnings", "motor temperature of 'left_knee_joint': 80 degC above 75 degC"),
+        ({"temperature": 95}, "holds", "motor temperature of 'left_knee_joint': 95 degC above 90 degC"),
+        ({"temperature": 110}, "damps", "motor temperature of 'left_knee_joint': 110 degC above 105 degC"),
+        ({"vol": 43.0}, "warnings", "voltage of 'left_knee_joint': 43 V below 44 V"),
+        ({"vol": 30.0}, "damps", "voltage of 'left_knee_joint': 30 V below 39 V"),
+        ({"vol": 0.0}, "none", ""),
+        ({"motorstate": 0x40}, "holds", "motor of 'left_knee_joint': error word 0x40"),
+        ({"motorstate": 1, "joint": 33}, "none", ""),  # no motor of this robot
+    ],
+)
+def test_monitors_name_joint_value_and_threshold(
+    hardware: RobotModel, values: dict[str, float], level: str, reason: str
+) -> None:
+    monitor = monitor_of(hardware)
+    watch(monitor, hardware, 0.06, **values)
+    assert not (monitor.warnings or monitor.holds or monitor.damps)  # not yet for long enough
+    watch(monitor, hardware, 0.3, **values)
+    found = {name: getattr(monitor, name) for name in ("warnings", "holds", "damps")}
+    assert found == {name: (reason,) if name == level else () for name in found}
+
+
+@pytest.mark.parametrize(("lost", "level"), [(0, "none"), (1, "damps")])
+def test_lost_states(hardware: RobotModel, lost: int, level: str) -> None:
+    monitor = monitor_of(hardware)
+    watch(monitor, hardware, 10.0, lost)
+    assert monitor.loss == pytest.approx(lost / (lost + 1), abs=0.01)
+
+
+def test_thresholds_are_ordered() -> None:
+    assert Thresholds(1.0, 2.0, 3.0).rising and not Thresholds(3.0, 2.0, 1.0).rising
+    with pytest.raises(ValueError, match="not in order"):
+        Thresholds(1.0, 3.0, 2.0)
+
+
+def test_the_profile_of_the_network_has_one_more_interface() -> None:
+    space = "{http://www.eprosima.com}"
+    root = ET.fromstring(profile_text("192.168.123.222"))
+    allowed = [each.text for each in root.findall(f".//{space}interfaceWhiteList/{space}address")]
+    peers = [each.text for each in root.findall(f".//{space}initialPeersList//{space}address")]
+    assert allowed == ["127.0.0.1", "192.168.123.222"] and peers == ["127.0.0.1", "239.255.0.1"]
+    assert root.find(f".//{space}metatrafficUnicastLocatorList") is None
+    alone = ET.fromstring(profile_text(LOOPBACK))
+    assert [each.text for each in alone.findall(f".//{space}interfaceWhiteList/{space}address")] == ["127.0.0.1"]
+
+
+def test_interfaces_and_domains_are_refused_by_name() -> None:
+    assert interface_address("lo") == "127.0.0.1"
+    with pytest.raises(ConfigError, match=r"no interface 'eth77'; known: .*lo"):
+        interface_address("eth77")
+    with pytest.raises(ConfigError, match="ROS domain 3 is the robot's"):
+        RobotNetwork("lo", 3).check(3)
+
+
+def test_the_plant_refuses_profiles_and_rates(g1: RobotModel, hardware: RobotModel) -> None:
+    with pytest.raises(ConfigError, match="'g1' needs 'hardware'"):
+        UnitreePlant(g1)
+    with pytest.raises(ConfigError, match="rate: 250 Hz; the robot runs at 500 or 1000 Hz"):
+        UnitreePlant(hardware, rate=250.0)

@@ -1,0 +1,243 @@
+"""The start of a real robot: each state, what it waits for, how it is left; with made-up inputs, without a robot."""
+
+import numpy as np
+import pytest
+
+from bridge.driver.startup import StartInputs, StartState, Startup
+from controllers.joints.joint_servo import drive_torque
+from models.errors import CommandError
+from models.robot_model import RobotModel
+from models.types import JointCommand, SensorData, Vector
+
+DT = 0.002
+
+
+class Bench:
+    """Feeds a start; the joints follow the stiff hold perfectly."""
+
+    def __init__(self, model: RobotModel, **options: bool) -> None:
+        self.model, self.startup = model, Startup(model, **options)
+        self.q = model.posture("stand") + 0.3
+        self.t = 0.0
+        self.inputs: dict[str, object] = {"vendor": "ai"}
+        self.driver = JointCommand(model.posture("stand"), np.zeros(model.nj), np.full(model.nj, 3.0))
+
+    def sensors(self, v: Vector | None = None) -> SensorData:
+        zero = np.zeros(self.model.nj)
+        velocity = zero if v is None else v
+        return SensorData(self.t, self.q, velocity, zero, np.zeros(3), np.array([0, 0, 9.81]), np.full((2, 6), np.nan))
+
+    def tick(self, v: Vector | None = None) -> JointCommand | None:
+        self.t += DT
+        self.startup.update(StartInputs(self.sensors(v), **self.inputs))  # type: ignore[arg-type]
+        command = self.startup.command(self.sensors(v), self.driver)
+        if command is not None and command.kp is not None and command.kp.any():
+            self.q = command.q
+        return command
+
+    def run(self, time: float) -> None:
+        for _ in range(round(time / DT)):
+            self.tick()
+
+    def reach(self, state: StartState) -> None:
+        """Through the normal sequence to a state."""
+        steps = {
+            StartState.GANTRY: lambda: self.run(1.1),
+            StartState.RELEASE: self.startup.confirm_gantry,
+            StartState.DAMP: lambda: (self.inputs.update(vendor=""), self.tick()),
+            StartState.PREPARE: lambda: self.run(1.1),
+            StartState.HANGING: lambda: self.run(3.1),
+            StartState.HELD: self.startup.lower,
+            StartState.LOADED: lambda: (self.inputs.update(load=0.98), self.run(2.0)),
+            StartState.STAND: lambda: (self.inputs.update(driven=True), self.tick()),
+        }
+        passed = [StartState.LISTEN, *steps].index(self.startup.state)
+        for reached, act in list(steps.items())[passed:]:
+            if self.startup.state is state:
+                return
+            act()
+            assert self.startup.state is reached, self.startup.waits_for
+        assert self.startup.state is state
+
+
+@pytest.fixture
+def bench(g1: RobotModel) -> Bench:
+    return Bench(g1)
+
+
+def test_nothing_is_commanded_before_the_release(bench: Bench) -> None:
+    for state in (StartState.LISTEN, StartState.GANTRY, StartState.RELEASE):
+        bench.reach(state)
+        assert bench.tick() is None and not bench.startup.commands
+    bench.reach(StartState.DAMP)
+    command = bench.tick()
+    assert command is not None and command.kp is not None and not command.kp.any()
+
+
+def test_listening_names_the_failed_check(bench: Bench) -> None:
+    bench.inputs["findings"] = ("lowstate at 250 Hz instead of 500 Hz",)
+    bench.run(5.0)
+    assert bench.startup.state is StartState.LISTEN and "250 Hz" in bench.startup.waits_for
+    bench.inputs["findings"] = ()
+    bench.run(1.1)
+    assert bench.startup.state is StartState.GANTRY and "confirm_gantry" in bench.startup.waits_for
+    bench.inputs["findings"] = ("crc",)
+    bench.tick()
+    assert bench.startup.state is StartState.LISTEN
+
+
+def test_each_service_is_refused_in_other_states(bench: Bench) -> None:
+    own = {StartState.GANTRY: "confirm_gantry", StartState.HANGING: "lower", StartState.DAMPED: "prepare"}
+    for state in StartState:
+        fresh = Bench(bench.model)
+        if state is StartState.DAMPED:
+            fresh.reach(StartState.HELD)
+            fresh.startup.damp("test")
+        else:
+            fresh.reach(state)
+        for name in set(own.values()) - {own.get(state)}:
+            with pytest.raises(CommandError, match=rf"{name} refused in state '{state}'"):
+                getattr(fresh.startup, name)()
+            assert fresh.startup.state is state
+
+
+@pytest.mark.parametrize("state", list(StartState)[2:-1])
+def test_every_state_from_the_release_on_may_be_left_to_damping(bench: Bench, state: StartState) -> None:
+    bench.reach(state)
+    bench.inputs["stop"] = "button B"
+    command = bench.tick()
+    assert bench.startup.state is StartState.DAMPED and "button B" in bench.startup.waits_for
+    bench.inputs["stop"] = ""
+    bench.run(0.2)
+    command = bench.tick()
+    assert command is not None and command.kp is not None and command.kd is not None
+    assert not command.kp.any() and not command.tau.any() and command.kd.min() > 0.0
+
+
+@pytest.mark.parametrize("state", [StartState.LISTEN, StartState.GANTRY])
+def test_before_the_release_a_stop_begins_again_and_commands_nothing(bench: Bench, state: StartState) -> None:
+    bench.reach(state)
+    with pytest.raises(CommandError, match="vendor's controller is in command"):
+        bench.startup.damp("test")
+    bench.inputs["stop"] = "button B"
+    assert bench.tick() is None and bench.startup.state is StartState.LISTEN
+
+
+def test_a_controller_that_does_not_end_is_named(bench: Bench) -> None:
+    bench.reach(StartState.RELEASE)
+    bench.run(5.1)
+    assert bench.startup.state is StartState.LISTEN
+    bench.run(1.1)
+    assert bench.startup.state is StartState.GANTRY and "'ai' is active" in bench.startup.waits_for
+
+
+def test_moving_joints_are_damped_before_the_ramp(bench: Bench) -> None:
+    bench.reach(StartState.DAMP)
+    fast = np.zeros(bench.model.nj)
+    fast[3] = 1.0
+    for _ in range(1500):
+        bench.tick(fast)
+    assert bench.startup.state is StartState.DAMP
+    bench.run(1.1)
+    assert bench.startup.state is StartState.PREPARE
+
+
+def test_the_ramp_is_slow_and_ends_in_the_standing_posture(bench: Bench) -> None:
+    bench.q = bench.model.posture("stand") + 1.2
+    bench.reach(StartState.DAMP)
+    bench.run(1.1)
+    assert bench.startup.state is StartState.PREPARE
+    positions = []
+    while bench.startup.state is StartState.PREPARE:
+        bench.tick()
+        positions.append(bench.q)
+    assert np.abs(np.diff(positions, axis=0)).max() / DT < 1.6 * bench.startup.config.ramp_speed
+    assert np.allclose(bench.q, bench.model.posture("stand"), atol=1e-6)
+
+
+def test_a_joint_that_does_not_follow_the_ramp_is_named(bench: Bench) -> None:
+    bench.q = bench.model.posture("stand") + 1.0
+    bench.reach(StartState.DAMP)
+    bench.run(1.1)
+    bench.driver = bench.driver
+    stuck = bench.q.copy()
+    while bench.startup.state is StartState.PREPARE:
+        bench.tick()
+        bench.q[3] = stuck[3]
+    assert bench.startup.state is StartState.DAMPED and "'left_knee_joint'" in bench.startup.reason
+
+
+@pytest.mark.parametrize(
+    ("load", "tilt", "stands"), [(0.5, 0.0, False), (1.3, 0.0, False), (1.0, 0.5, False), (0.95, 0.05, True)]
+)
+def test_it_stands_by_load_and_tilt(bench: Bench, load: float, tilt: float, stands: bool) -> None:
+    bench.reach(StartState.HELD)
+    bench.inputs |= {"load": load, "tilt": tilt}
+    bench.run(3.0)
+    assert (bench.startup.state is StartState.LOADED) == stands
+
+
+def test_a_robot_that_is_lifted_again_does_not_stand(bench: Bench) -> None:
+    bench.reach(StartState.LOADED)
+    bench.inputs["load"] = 0.1
+    bench.run(2.0)
+    assert bench.startup.state is StartState.HELD and not bench.startup.armable
+
+
+def test_gains_fade_without_a_step_of_torque(bench: Bench) -> None:
+    bench.reach(StartState.LOADED)
+    q, v = bench.model.posture("stand") + 0.02, np.full(bench.model.nj, 0.1)
+    bench.q = q
+    before = bench.startup.command(bench.sensors(v), bench.driver)
+    assert before is not None
+    torques = [drive_torque(bench.model, before, q, v)]
+    bench.inputs["driven"] = True
+    for _ in range(300):
+        bench.t += DT
+        bench.q = q
+        bench.startup.update(StartInputs(bench.sensors(v), vendor="", load=1.0, driven=True))
+        command = bench.startup.command(bench.sensors(v), bench.driver)
+        assert command is not None
+        torques.append(drive_torque(bench.model, command, q, v))
+    end = drive_torque(bench.model, bench.driver, q, v)
+    assert np.allclose(torques[-1], end) and not bench.startup.fading
+    step = np.abs(np.diff(torques, axis=0)).max(axis=0)
+    assert (step <= 1.6 * np.abs(end - torques[0]) * DT / bench.startup.config.fade + 1e-9).all()
+
+
+def test_after_a_stop_the_last_torque_fades(bench: Bench) -> None:
+    bench.reach(StartState.STAND)
+    bench.run(1.0)
+    held = bench.startup.command(bench.sensors(), bench.driver)
+    assert held is not None
+    last = drive_torque(bench.model, held, bench.q, np.zeros(bench.model.nj))
+    bench.startup.damp("test")
+    first = bench.startup.command(bench.sensors(), bench.driver)
+    assert first is not None and np.allclose(first.tau, last)
+    bench.run(0.16)
+    end = bench.startup.command(bench.sensors(), bench.driver)
+    assert end is not None and not end.tau.any()
+
+
+def test_damped_robots_start_again_from_the_gantry(bench: Bench) -> None:
+    bench.reach(StartState.STAND)
+    bench.startup.damp("test")
+    bench.run(1.0)
+    bench.inputs |= {"load": 0.0, "driven": False}
+    bench.startup.prepare()
+    bench.run(5.0)
+    assert bench.startup.state is StartState.HANGING
+
+
+def test_after_a_crash_only_damping_is_possible(g1: RobotModel) -> None:
+    bench = Bench(g1, crashed=True)
+    bench.inputs["vendor"] = ""
+    bench.run(5.0)
+    command = bench.tick()
+    assert bench.startup.state is StartState.DAMPED
+    assert command is not None and command.kp is not None and not command.kp.any()
+    with pytest.raises(CommandError, match="start it again"):
+        bench.startup.prepare()
+    for act in (bench.startup.confirm_gantry, bench.startup.lower):
+        with pytest.raises(CommandError, match="refused in state 'damped'"):
+            act()

@@ -1,0 +1,237 @@
+"""The robot's side as a process in real time: ``GantryRobot`` behind Unitree's own SDK, or behind rclpy.
+
+    python -m tests.unitree.process sdk|ros INTERFACE DOMAIN [RATE [SPEED]]
+
+``sdk`` is the package ``far-unitree-sdk``: Unitree's C++ SDK with CycloneDDS in the role of the robot, in DDS domain 0.
+``ros`` publishes the same messages with this project's codec, and the remote controller, which the SDK's robot lacks.
+Lines on the standard input are calls on the robot in JSON, ``["name", arguments...]``; each is answered by a line.
+"""
+
+import json
+import os
+import select
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from bridge.plants.unitree.wire import read_low_cmd
+from models.nodes.realtime import use_fifo
+from models.types import JointCommand
+from tests.unitree.robot import STEP, GantryRobot
+
+PRIORITY = 50  #: SCHED_FIFO, above the graph; where permitted
+LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces>
+<NetworkInterface name="lo" multicast="false"/></Interfaces>
+<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
+<Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
+
+
+class SdkSide:
+    """The robot's side by Unitree's SDK; its motion switcher always answers that no controller is active."""
+
+    def __init__(self, robot: GantryRobot, interface: str, domain: int) -> None:
+        import unitree_interface as sdk
+
+        if domain:
+            raise SystemExit("the SDK's robot is in domain 0")
+
+        self._robot = robot
+        kind = sdk.MessageType.HG
+        create = sdk.UnitreeInterface.create_g1
+        self._side = create(interface, kind, dds_config=LOOPBACK) if interface == "lo" else create(interface, kind)
+        self._side.enable_motion_switcher_responder()
+        self._state = sdk.LowState(robot.model.nj)
+        self._last: Any = None
+
+    def exchange(self) -> None:
+        robot, state = self._robot, self._state
+        sensors = robot.plant.read()
+        state.tick, state.mode_machine = robot.tick, robot.mode_machine
+        state.motor.q, state.motor.dq, state.motor.tau_est = (
+            sensors.q.tolist(),
+            sensors.v.tolist(),
+            sensors.tau.tolist(),
+        )
+        state.motor.temperature, state.motor.voltage = robot.temperature.tolist(), robot.voltage.tolist()
+        state.imu.omega, state.imu.accel = sensors.gyro.tolist(), sensors.accel.tolist()
+        state.imu.quat = robot.imu_quaternion.tolist()
+        self._side.publish_low_state(state)
+
+    def take(self) -> None:
+        given = self._side.read_incoming_command()
+        rows = [given.q_target, given.dq_target, given.tau_ff, given.kp, given.kd]
+        if rows != self._last:
+            self._last = rows
+            values = np.array(rows)
+            if values[2:].any():  # zeros before the first command
+                self._robot.vendor = ""
+                self._robot.accept(JointCommand(*values))
+
+
+class RosSide:
+    """The robot's side by rclpy."""
+
+    def __init__(self, robot: GantryRobot, interface: str, domain: int) -> None:
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+        from bridge.plants.unitree.link import CHECK, RELEASE, SENSOR, _ignore, _join
+        from models.nodes.interfaces import interface as find
+
+        self._robot = robot
+        _, self._node = _join(domain, "robot")
+        best = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._states = self._node.create_publisher(find("unitree_hg", "msg", "LowState"), "lowstate", best)
+        self._commands = self._node.create_subscription(
+            find("unitree_hg", "msg", "LowCmd"), "lowcmd", _ignore, SENSOR, raw=True
+        )
+        request, self._response = (find("unitree_api", "msg", name) for name in ("Request", "Response"))
+        self._requests = self._node.create_subscription(request, "api/motion_switcher/request", _ignore, 10)
+        self._responses = self._node.create_publisher(self._response, "api/motion_switcher/response", 10)
+        self._check, self._release = CHECK, RELEASE
+        self.sent: dict[int, float] = {}
+        self.answers: list[float] = []  #: From a state to the command written with it as the newest [s]
+        self.gaps: list[float] = []  #: Between two commands [s]
+        self._last = 0.0
+        self.connected = True
+
+    def exchange(self) -> None:
+        data = self._robot.state()
+        if self.connected:
+            self.sent[self._robot.tick] = time.monotonic()
+            self._states.publish(data)
+            if len(self.sent) > 100:
+                del self.sent[next(iter(self.sent))]
+
+    def take(self) -> None:
+        from bridge.plants.unitree.link import _take, _take_all
+
+        for data in _take_all(self._commands):
+            if not self.connected:
+                continue
+            now = time.monotonic()
+            self._robot.receive(data)
+            record = read_low_cmd(data)
+            since = self.sent.get(int(record["reserve"][1]))
+            if since is not None:
+                self.answers.append(now - since)
+            self.gaps.append(now - self._last)
+            self._last = now
+        while (request := _take(self._requests)) is not None:
+            response = self._response()
+            response.header.identity = request.header.identity
+            if request.header.identity.api_id == self._release:
+                self._robot.vendor = ""
+            response.data = json.dumps({"form": "0", "name": self._robot.vendor})
+            self._responses.publish(response)
+
+
+class Program:
+    """Paces the robot and answers the lines of the standard input."""
+
+    def __init__(self, side: str, interface: str, domain: int, rate: float = 500.0, speed: float = 1.0) -> None:
+        self._answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+        os.dup2(2, 1)  # what the SDK prints is no answer
+        self.robot = GantryRobot(rate=rate, released=side == "sdk")
+        self.side: Any = {"sdk": SdkSide, "ros": RosSide}[side](self.robot, interface, domain)
+        self.speed = speed
+        self.late = 0.0  # of the physics behind the clock [s]
+        self.skipped = 0
+        self._buffer = b""
+        self._done = False
+
+    def run(self) -> None:
+        use_fifo(PRIORITY, lambda text: print(text, file=sys.stderr, flush=True))  # a real robot has its own computer
+        period = STEP / self.speed
+        due = time.monotonic()
+        while not self._done:
+            self.side.take()
+            self.robot.step()
+            if self.robot.due:
+                self.side.exchange()
+                self._serve()
+            due += period
+            now = time.monotonic()
+            if now < due:
+                time.sleep(due - now)
+            elif now - due > 0.005:  # the robot's time waits: a real one has no other programs
+                self.late += now - due
+                self.skipped += 1
+                due = now
+
+    def _serve(self) -> None:
+        while select.select([0], [], [], 0.0)[0]:
+            data = os.read(0, 65536)
+            if not data:
+                self._done = True
+                return
+            self._buffer += data
+            while b"\n" in self._buffer:
+                line, self._buffer = self._buffer.split(b"\n", 1)
+                name, *arguments = json.loads(line)
+                self._answers.write(json.dumps(getattr(self, name)(*arguments)) + "\n")
+                self._answers.flush()
+
+    def report(self) -> dict[str, Any]:
+        """Truth and counts."""
+        answers = np.array(getattr(self.side, "answers", []) or [np.nan])
+        gaps = np.array(getattr(self.side, "gaps", [])[1:] or [np.nan])
+        command = self.robot.command
+        return {
+            "t": self.robot.tick * STEP,
+            "base": self.robot.base.round(5).tolist(),
+            "load": self.robot.plant.load,
+            "received": self.robot.received,
+            "refused": self.robot.refused,
+            "vendor": self.robot.vendor,
+            "late": self.late,
+            "stalls": self.skipped,
+            "answer_ms": [round(1e3 * float(np.nanpercentile(answers, q)), 2) for q in (50, 99, 100)],
+            "gap_ms": [round(1e3 * float(np.nanpercentile(gaps, q)), 2) for q in (50, 99, 100)],
+            "kp": 0.0 if command is None or command.kp is None else float(np.max(command.kp)),
+            "kd": 0.0 if command is None or command.kd is None else float(np.max(command.kd)),
+        }
+
+    def set(self, name: str, value: Any) -> bool:
+        """Set an attribute of the robot."""
+        setattr(self.robot, name, value)
+        return True
+
+    def press(self, *buttons: int) -> bool:
+        """Press buttons of the remote controller."""
+        self.robot.press(*buttons)
+        return True
+
+    def connect(self, connected: bool) -> bool:
+        """Plug the network in or out (ros only)."""
+        self.side.connected = connected
+        return True
+
+    def push(self, x: float, y: float, z: float, duration: float) -> bool:
+        """Push the torso [N]."""
+        self.robot.plant.push((x, y, z), duration)
+        return True
+
+    def fill(self, name: str, value: float) -> bool:
+        """Fill an array of the robot, such as its temperatures."""
+        getattr(self.robot, name)[:] = value
+        return True
+
+    def clear(self) -> bool:
+        """Forget the latencies so far."""
+        if hasattr(self.side, "answers"):
+            self.side.answers.clear()
+            self.side.gaps.clear()
+        self.late, self.skipped = 0.0, 0
+        return True
+
+    def quit(self) -> bool:
+        """End."""
+        self._done = True
+        return True
+
+
+if __name__ == "__main__":
+    kind, where, in_domain, *numbers = sys.argv[1:]
+    Program(kind, where, int(in_domain), *(float(each) for each in numbers)).run()
