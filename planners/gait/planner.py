@@ -250,8 +250,8 @@ class GaitPlanner:
         rear, front = gait.soles.holds[1 - gait.stance], gait.soles.holds[gait.stance]
         ahead = rear.relative(front.x, front.y)[0]
         gait.toe_off = self._footing.toe_off(1 - gait.stance, ahead, gait.pace.toe_off, elapsed, duration)
-        front, rear = gait.measured.active[gait.stance], gait.measured.active[1 - gait.stance]
-        dragged = front and not rear  # after a wide step the body drags the rear foot off the floor
+        bears = gait.measured.active
+        dragged = bears[gait.stance] and not bears[1 - gait.stance]  # off the floor, by the body after a wide step
         if elapsed >= duration or self._far_off() or dragged:
             self._lift()
 
