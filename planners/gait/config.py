@@ -185,6 +185,7 @@ class FootingConfig:
     grain: Positive  #: Resolution of the areas: each change costs the QP a new wrench cone [m]
     rim: Positive  #: Distance of the CoP from the rim up to which a sole may have tipped over it [m]
     tipped: Positive  #: Angle over the rim from which a sole bears on it alone; half of it ends that [rad]
+    lie_angle: NonNegative  #: Angle by which a sole on its rim is turned towards the ground, from where it is [rad]
     lie_time: Positive  #: Time constant with which a sole at rest is taken to lie on the ground [s]
 
 

@@ -72,6 +72,7 @@ class FootingLimits(NamedTuple):
     grain: float
     rim: float
     tipped: float
+    lie_angle: float
     lie_time: float
 
 

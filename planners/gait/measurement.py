@@ -67,18 +67,28 @@ class Ground(NamedTuple):
     slope: Vector  # expected (2,) [-]
 
 
+class _Rims(NamedTuple):
+    """Constants of ``GaitMeasurement``."""
+
+    whole: Matrix  # rectangles of the soles (2, 4) [m]
+    lie: float  # slope by which a sole on its rim is turned towards the ground [-]
+
+
 class GaitMeasurement:
     """Evaluates robot states.
 
-    A sole on its edge is measured by that edge: its place is where it would lie flat, on the expected slope.
+    A sole on an edge is measured by that edge: its place is where it would lie flat. Its tilt is the expected slope on
+    an edge across the sole. On its rim, it is the present one turned towards the ground by ``lie_angle`` [rad]: the
+    reference of the sole follows its measured tilt, so that it lies down.
     """
 
-    def __init__(self, model: RobotModel) -> None:
+    def __init__(self, model: RobotModel, lie_angle: float = 0.0) -> None:
         self._model, self._data = model, model.data()
         self._weight = model.mass * GRAVITY
         self._motion = BodyMotion(np.zeros(3), np.zeros(3), np.zeros((2, 4, 4)), np.zeros((2, 6)))
         self._unboxed = unbox(self._motion)
         self._whole = Ground(np.array([foot.rectangle for foot in model.feet]), np.zeros(2))
+        self._rims = unbox(_Rims(self._whole.areas, math.tan(lie_angle)))
 
     def measure(
         self,
@@ -100,7 +110,9 @@ class GaitMeasurement:
         cops = np.zeros((2, 2)) if last is None else last.cops.copy()
         left, right = state.contacts
         wrenches = left.wrench, right.wrench
-        first, second, loads = _measure(motion, *wrenches, self._weight, areas, slope, body, tilts, turning, cops)
+        first, second, loads = _measure(
+            motion, *wrenches, self._weight, areas, slope, self._rims, body, tilts, turning, cops
+        )
         return Measurement(
             com=body[0],
             com_velocity=body[1],
@@ -129,6 +141,7 @@ def _measure(
     weight: float,
     areas: Matrix,
     slope: Vector,
+    constants: Unboxed[_Rims],
     body: Matrix,
     tilts: Matrix,
     turning: Matrix,
@@ -139,6 +152,7 @@ def _measure(
     Fills the fields ``tilts``, ``turning`` and ``cops`` of ``Measurement``, and CoM and its velocity ``body`` (2, 3).
     """
     com, velocity, poses, twists = motion.record
+    rims = constants.record
     pivots = np.zeros((2, 2))
     for i in range(3):
         body[0, i], body[1, i] = com[i], velocity[i]
@@ -151,10 +165,22 @@ def _measure(
             if areas[foot, 2 * i] == areas[foot, 2 * i + 1]:
                 pivots[foot, i] = areas[foot, 2 * i]
         if pivots[foot, 0] != 0.0 or pivots[foot, 1] != 0.0:
-            tilts[foot] = slope
+            along = _lie_down(pivots[foot, 0], rims.whole[foot, 0], rims.whole[foot, 1], rims.lie)
+            across = _lie_down(pivots[foot, 1], rims.whole[foot, 2], rims.whole[foot, 3], rims.lie)
+            if along == 0.0 and across == 0.0:
+                tilts[foot] = slope
+            yaw = math.atan2(pose[1, 0], pose[0, 0])
+            tilts[foot, 0] += math.cos(yaw) * along - math.sin(yaw) * across
+            tilts[foot, 1] += math.sin(yaw) * along + math.cos(yaw) * across
         if wrench[2] / weight > _LOADED:
             cops[foot, 0], cops[foot, 1] = -wrench[4] / wrench[2], wrench[3] / wrench[2]
     return _place(poses[0], pivots[0]), _place(poses[1], pivots[1]), (left[2] / weight, right[2] / weight)
+
+
+@register_jitable
+def _lie_down(pivot: float, low: float, high: float, lie: float) -> float:
+    """Change of slope along an axis of a sole that lowers it from its rim: it falls away from a low one."""
+    return -lie if pivot == low else lie if pivot == high else 0.0
 
 
 @register_jitable

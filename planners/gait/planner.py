@@ -47,7 +47,7 @@ class GaitPlanner:
     def __init__(self, model: RobotModel, config: GaitConfig | None = None) -> None:
         self.model = model
         self.config = config = config or load_gait_config(model)
-        self._sensors = GaitMeasurement(model)
+        self._sensors = GaitMeasurement(model, config.footing.lie_angle)
         self._commands = Commands(config)
         self._soles = Soles(model, config)
         self._swing = SwingFoot(config.swing)

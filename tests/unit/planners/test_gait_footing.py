@@ -13,7 +13,7 @@ from models.types import RobotState
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Foothold
-from planners.gait.measurement import GaitMeasurement, Measurement
+from planners.gait.measurement import GaitMeasurement, Ground, Measurement
 from planners.gait.planner import GaitPlanner
 from planners.gait.state import GaitPhase
 from tests.gaits import DT, in_single_support, on_one_foot
@@ -185,6 +185,22 @@ def test_turning_and_centre_of_pressure_are_those_of_the_sole() -> None:
     np.testing.assert_allclose(seen.turning[0], (sole.T @ base @ v[3:6])[:2], atol=1e-9)
     np.testing.assert_allclose(seen.cops[0], [0.05, 0.02])
     np.testing.assert_allclose(seen.cops[1], 0.0)
+
+
+@pytest.mark.parametrize("side", range(4), ids=["heel", "toe", "right rim", "left rim"])
+def test_a_sole_on_its_rim_is_turned_towards_the_ground(side: int) -> None:
+    """From where it is; on an edge across it, it keeps the expected slope."""
+    model, axis = RobotModel.load("g1"), side // 2
+    measurement, state = GaitMeasurement(model, CONFIG.lie_angle), standing(model)
+    areas, slope = np.array([foot.rectangle for foot in model.feet]), np.array([0.02, 0.03])
+    areas[0, 2 * axis : 2 * axis + 2] = areas[0, side]
+    present = measurement.measure(state).tilts
+    seen = measurement.measure(state, ground=Ground(areas, slope)).tilts
+    middle = areas[0, side]  # the sole's height at the rim does not change, and that of its middle sinks
+    assert (seen[0] - present[0])[axis] * -middle == pytest.approx(-abs(middle) * np.tan(CONFIG.lie_angle), abs=1e-9)
+    np.testing.assert_array_equal(seen[1], present[1])
+    areas[0, 2 * axis : 2 * axis + 2] = 0.01
+    np.testing.assert_array_equal(measurement.measure(state, ground=Ground(areas, slope)).tilts[0], slope)
 
 
 def test_while_a_push_is_caught_soles_are_whole(footing: Watched) -> None:
