@@ -1,6 +1,7 @@
-"""The benchmark of a robot that differs from its model: cases, verdicts, the deviations, and one tiny run."""
+"""The benchmark of a robot that differs from its model: cases, verdicts, starts, and one tiny run."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,10 @@ import pytest
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Options, Report
 from benchmarks.stability import sim2sim
+from bridge.driver.startup import StartState
+from bridge.hardware_loop import LOWERING, HardwareLoop
 from bridge.plants.deviation import Deviation
-from bridge.plants.mujoco import MujocoPlant
-from models.errors import ConfigError, JointNameError
-from models.robot_model import RobotModel
+from models.errors import ConfigError
 
 CONFIG = sim2sim._config()
 BENCH = catalogue()["sim2sim"].load()
@@ -51,46 +52,6 @@ def test_nineteen_of_twenty_decide(name: str, failures: int, passes: bool) -> No
     assert sum("walk, 38.0 s: base tilted" in note for note in BENCH.notes(report)) == failures
 
 
-@pytest.fixture(scope="module")
-def model() -> RobotModel:
-    return RobotModel.load("g1")
-
-
-def test_masses_and_com_deviate(model: RobotModel) -> None:
-    before = MujocoPlant(model)
-    for deviation, mass, shift in (
-        (Deviation(mass=1.1), 1.1 * model.mass, (0.0, 0.0, 0.0)),
-        (Deviation(com=(0.02, 0.0, -0.01)), model.mass, (0.02, 0.0, -0.01)),
-    ):
-        plant = MujocoPlant(model)
-        deviation.apply(plant, 0)
-        assert plant.model.body_mass.sum() == pytest.approx(mass)
-        np.testing.assert_allclose(plant.com - before.com, shift, atol=1e-6)
-    plant, torso = MujocoPlant(model), before.mujoco.bodies["torso"]
-    Deviation(torso_mass=1.8, torso_com=(0.0, 0.0, 0.017)).apply(plant, 0)
-    assert plant.model.body_mass.sum() == pytest.approx(model.mass + 1.8)
-    np.testing.assert_allclose(plant.data.xipos[torso] - before.data.xipos[torso], (0.0, 0.0, 0.017), atol=1e-9)
-
-
-def test_drives_and_sensors_deviate(model: RobotModel) -> None:
-    plant, knee = MujocoPlant(model), model.joint_index("left_knee_joint")
-    dof = plant.mujoco.joint_qvel
-    limits = {"left_knee_joint": 50.0}
-    Deviation(armature=0.01, frictionloss=(0.1, 0.2), friction=3.0, torque_limits=limits, imu=(0.1, 0.0, 0.0)).apply(
-        plant, 3
-    )
-    assert (plant.model.dof_armature[dof] == 0.01).all()
-    friction = plant.model.dof_frictionloss[dof]
-    assert friction.min() >= 0.3 and friction.max() <= 0.6 and np.ptp(friction) > 0.1
-    np.testing.assert_allclose(plant.model.actuator_ctrlrange[plant.mujoco.actuator[knee]], (-50.0, 50.0))
-    np.testing.assert_allclose(plant.model.site_pos[plant.mujoco.imu_site], (0.1, 0.0, 0.0))
-    offsets = Deviation(encoder_offset=0.02).encoder_offsets(model, 3)
-    assert 0.015 < np.abs(offsets).max() <= 0.02 and offsets.shape == (model.nj,)
-    assert (offsets != Deviation(encoder_offset=0.02).encoder_offsets(model, 4)).all()
-    with pytest.raises(JointNameError, match="unknown joint 'tail'"):
-        Deviation(torque_limits={"tail": 1.0}).apply(plant, 0)
-
-
 def test_a_run_that_is_too_slow_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Through the whole start; half a second of walking cannot cover the distance."""
     short = replace(CONFIG, stand_time=0.5, motion_time=0.1, distance=0.1)
@@ -98,3 +59,21 @@ def test_a_run_that_is_too_slow_says_so(monkeypatch: pytest.MonkeyPatch) -> None
     case = sim2sim.measure("g1", 100, "unitree")
     assert not case["survived"] and case["phase"] == "motion" and "mode 'motion' after 0.1 s" in case["reason"]
     assert case["drift"] < 0.01 and case["moments"]["mode"][-1] == "motion"
+
+
+@pytest.mark.parametrize("forward", [0.02, -0.02])
+def test_a_robot_with_another_com_starts_without_a_step(tmp_path: Path, forward: float) -> None:
+    """Its feet stay where they touched down: the stiff hold does not lean it onto its toes or heels."""
+    loop = HardwareLoop(tmp_path / "marker", seed=100, deviation=Deviation(com=(forward, 0.0, 0.0)))
+    loop.reach(StartState.GANTRY)
+    loop.startup.confirm_gantry()
+    loop.reach(StartState.HANGING)
+    loop.startup.lower()
+    loop.side.rope_speed = LOWERING
+    loop.reach(StartState.LOADED)
+    soles = loop.side.plant.data.site_xpos[list(loop.side.plant.mujoco.sole_sites)].copy()
+    loop.reach(StartState.STAND)
+    loop.unhook()
+    loop.run(3.0)
+    assert not loop.failure
+    assert np.abs(loop.side.plant.data.site_xpos[list(loop.side.plant.mujoco.sole_sites)] - soles).max() < 0.01
