@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from bridge.driver.drivers import HardwareDrivers
+from bridge.driver.foot_load import identify
 from bridge.driver.startup import BEFORE_RELEASE, StartState
 from bridge.hardware_loop import HardwareLoop
+from bridge.plants.deviation import Deviation
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.simulated import DirectLink
 from bridge.plants.unitree.wire import read_low_cmd
-from models.errors import CommandError
+from models.errors import CommandError, MessageError
 from models.robot_model import RobotModel
 from models.types import Mode
 
@@ -201,3 +203,25 @@ def test_close_damps(standing: HardwareLoop) -> None:
     motors = read_low_cmd(standing.link.sent[-1])["motor_cmd"][:29]
     assert motors["kd"].min() > 0.0 and not motors["tau"].any()
     assert "configure it again" in standing.plant.findings[0]
+
+
+@pytest.mark.parametrize(
+    ("deviation", "mass", "forward"),
+    [(Deviation(torso_mass=1.8), 1.8, 0.0), (Deviation(com=(0.02, 0.0, 0.0)), 0.0, 0.02)],
+)
+def test_mass_and_com_are_identified_from_standing_still(
+    tmp_path: Path, deviation: Deviation, mass: float, forward: float
+) -> None:
+    loop = HardwareLoop(tmp_path / "marker", seed=4, deviation=deviation)
+    loop.start()
+    loop.unhook()
+    loop.run(1.0)
+    samples = []
+    for _ in range(500):
+        loop.step()
+        samples.append(loop.drivers.read())
+    found = identify(loop.robot, samples)
+    assert found.mass == pytest.approx(mass, abs=0.4)
+    np.testing.assert_allclose(found.com, (forward, 0.0), atol=0.004)
+    with pytest.raises(MessageError, match="needs samples of a robot that stands"):
+        identify(loop.robot, [])
