@@ -12,6 +12,7 @@ from benchmarks.core.harness import Case, Report
 from bridge.analysis.plots import COLOURS, new_figure
 from bridge.analysis.stability import balance
 from bridge.closed_loop import ClosedLoop
+from bridge.hardware_loop import HardwareLoop
 from bridge.loop.log import LoopLog
 from models.constants import GRAVITY
 from models.heading import heading, turned
@@ -26,7 +27,7 @@ LEG_JOINTS, OTHER_JOINTS = 3, 2
 SATURATED = 0.95  # share of its limit from which on a torque counts as at it [-]
 
 
-def last_moments(loop: ClosedLoop, duration: float) -> Case:
+def last_moments(loop: ClosedLoop | HardwareLoop, duration: float) -> Case:
     """Signals of the ``duration`` [s] before the robot was damped, or before the end of the log; ``moments_since``."""
     return moments_since(loop, _end(loop.log) - duration)
 
@@ -37,7 +38,7 @@ def _end(log: LoopLog) -> float:
     return float(given_up[0] if len(given_up) else log.t[-1])
 
 
-def moments_since(loop: ClosedLoop, begin: float) -> Case:
+def moments_since(loop: ClosedLoop | HardwareLoop, begin: float) -> Case:
     """The end of a robot's log, places relative to its CoM and along its heading at each moment.
 
     Estimates and commands of the laws are in their drifting frame: they are relative to the estimated CoM and heading.

@@ -5,9 +5,10 @@
 
 Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. ``gantry`` waits
 for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``. ``held`` is stiff in the
-standing posture until the load on the feet, which follows from the joint torques, equals the weight. ``loaded`` stays
-stiff until the joint drivers execute commands, which then replace the stiff hold over the time ``fade``; a robot that
-is lifted before that is ``held`` again.
+standing posture until the load on the feet, which follows from the joint torques, equals the weight. The stiff hold
+includes the torques of that load at the measured posture: gravity does not weaken its springs, and a CoM beside that of
+the model makes the robot lean less. ``loaded`` stays stiff until the joint drivers execute commands, which then replace
+the stiff hold over the time ``fade``; a robot that is lifted before that is ``held`` again.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic.dataclasses import dataclass
 
+from bridge.plants.base import standing_torques
 from controllers.joints.joint_servo import JointServoConfig, drive_torque
 from models.config import STRICT, Fraction, NonNegative, Positive, default_config
 from models.errors import CommandError
@@ -98,6 +100,8 @@ class Startup:
         self._target = model.posture("stand").copy()
         self._kp, self._kd = self.config.stiffness * model.kp, self.config.damping * model.kd
         self._damping = default_config(JointServoConfig, "controllers", "joint_servo").damping_scale * model.kd
+        self._data = model.data()
+        self._standing = np.zeros(model.nj)  # torques of the load on the feet (nj,) [N.m]
         self._elapsed = 0.0  # in this state, by the robot's clock [s]
         self._good = 0.0  # time for which the condition of the state has held [s]
         self._t: float | None = None
@@ -222,6 +226,10 @@ class Startup:
         state = self.state
         if not self.commands:
             return None
+        self._standing[:] = 0.0
+        if state in (StartState.HELD, StartState.LOADED) or self.fading:
+            load = min(max(self.load, 0.0), 1.0)
+            self._standing += load * standing_torques(self.model, sensors.q, self._data)
         if state is StartState.STAND:
             given = self._faded(driver) if self.fading else driver
         elif state in (StartState.DAMP, StartState.DAMPED):
@@ -286,9 +294,8 @@ class Startup:
     def _held(self) -> JointCommand:
         """Stiff hold; its gains grow from those of damping in the first third of the ramp."""
         share = min(3.0 * self._elapsed / self._ramp, 1.0) if self.state is StartState.PREPARE else 1.0
-        zero = np.zeros(self.model.nj)
         kd = self._damping + share * (self._kd - self._damping)
-        return JointCommand(self._reference(), zero, zero, share * self._kp, kd)
+        return JointCommand(self._reference(), np.zeros(self.model.nj), self._standing, share * self._kp, kd)
 
     def _damped(self) -> JointCommand:
         """Damping; after a stop, the last torque fades into it."""

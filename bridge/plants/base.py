@@ -188,6 +188,26 @@ def hanging_command(model: RobotModel) -> JointCommand:
     return JointCommand(q=q[7:].copy(), v=np.zeros(model.nj), tau=gravity[6:].copy())
 
 
+def standing_torques(model: RobotModel, joints: Vector, data: pin.Data) -> Vector:
+    """Joint torques (nj,) that hold joints (nj,) [rad] at rest with both soles on the floor: tau = g(q) - sum J' w.
+
+    Each foot bears the share of the weight that puts the CoP below the CoM, at the CoM's place along the foot.
+    """
+    q = model.planted(joints, data)
+    torques = pin.computeGeneralizedGravity(model.pin, data, q)[6:]
+    com = pin.centerOfMass(model.pin, data, q)
+    pin.computeJointJacobians(model.pin, data, q)
+    pin.updateFramePlacements(model.pin, data)
+    places = [data.oMf[foot.frame_id].translation for foot in model.feet]
+    left = (com[1] - places[1][1]) / (places[0][1] - places[1][1])
+    for foot, place, share in zip(model.feet, places, (left, 1.0 - left), strict=True):
+        jacobian = pin.getFrameJacobian(model.pin, data, foot.frame_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        weight = share * GRAVITY * model.mass
+        wrench = np.array([0.0, 0.0, weight, 0.0, -weight * (com[0] - place[0]), 0.0])
+        torques = torques - jacobian[:, 6:].T @ wrench
+    return np.array(torques)
+
+
 class ReleaseGate:
     """Detects that the feet of a held robot bear its weight, so that the release causes no transient.
 

@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 from bridge.driver.drivers import HardwareDrivers
+from bridge.driver.foot_load import identify
 from bridge.driver.startup import BEFORE_RELEASE, StartState
+from bridge.hardware_loop import HardwareLoop
+from bridge.plants.deviation import Deviation
 from bridge.plants.unitree.plant import UnitreePlant
+from bridge.plants.unitree.simulated import DirectLink
 from bridge.plants.unitree.wire import read_low_cmd
-from models.errors import CommandError
+from models.errors import CommandError, MessageError
 from models.robot_model import RobotModel
 from models.types import Mode
-from tests.unitree.loop import HardwareLoop
-from tests.unitree.robot import DirectLink
 
 B_BUTTON = 9
 
@@ -30,7 +32,7 @@ def loop(tmp_path: Path) -> HardwareLoop:
 @pytest.fixture
 def standing(loop: HardwareLoop) -> HardwareLoop:
     loop.start()
-    loop.robot.hooked = False
+    loop.unhook()
     return loop
 
 
@@ -44,48 +46,48 @@ def damping(data: bytes) -> bool:
 def test_it_starts_from_the_gantry_and_stands(tmp_path: Path, rate: float, delay: int) -> None:
     loop = HardwareLoop(tmp_path / "marker", rate=rate, seed=3, delay=delay)
     loop.start()
-    loop.robot.hooked = False
+    loop.unhook()
     assert loop.history == [str(each) for each in StartState if each is not StartState.DAMPED]
-    before = loop.robot.base
+    before = loop.side.base
     loop.run(4.0)
-    assert np.abs(loop.robot.base - before).max() < 0.01
-    assert (loop.stack.mode, loop.stack.supervisor.faults, loop.robot.refused) == (Mode.STAND, (), 0)
+    assert np.abs(loop.side.base - before).max() < 0.01
+    assert (loop.stack.mode, loop.stack.supervisor.faults, loop.side.refused) == (Mode.STAND, (), 0)
     assert loop.drivers.state == "active"
 
 
 def test_nothing_is_sent_before_the_release(loop: HardwareLoop) -> None:
     loop.reach(StartState.GANTRY)
     loop.run(2.0)
-    assert not loop.link.sent and loop.robot.vendor == "ai"
+    assert not loop.link.sent and loop.side.vendor == "ai"
     with pytest.raises(CommandError, match="refused in state 'gantry'"):
         loop.drivers.set_mode(Mode.STAND)
     loop.startup.confirm_gantry()
     loop.run(0.5)
-    assert loop.robot.vendor == "" and loop.link.sent and all(map(damping, loop.link.sent))
+    assert loop.side.vendor == "" and loop.link.sent and all(map(damping, loop.link.sent))
 
 
 def test_it_waves_and_walks(standing: HardwareLoop) -> None:
     assert standing.stack.command("wave").accepted
     standing.run(7.0)
     assert standing.stack.mode is Mode.STAND
-    begin, estimated = standing.robot.base, standing.stack.state.q[:2].copy()
+    begin, estimated = standing.side.base, standing.stack.state.q[:2].copy()
     assert standing.stack.command("walk").accepted
     standing.stack.set_velocity(0.4, 0.0, 0.0)
     standing.run(6.0)
     standing.stack.command("stop")
     standing.run(3.0)
-    walked, odometry = standing.robot.base - begin, standing.stack.state.q[:2] - estimated
+    walked, odometry = standing.side.base - begin, standing.stack.state.q[:2] - estimated
     assert standing.upright and standing.stack.mode is Mode.STAND and not standing.stack.supervisor.faults
     assert walked[0] > 1.8 and np.abs(odometry - walked[:2]).max() < 0.05
 
 
 def test_the_remote_controller_damps_within_10_ms(standing: HardwareLoop) -> None:
     standing.link.sent.clear()
-    standing.robot.press(B_BUTTON)
-    tick = standing.robot.tick
+    standing.side.press(B_BUTTON)
+    tick = standing.side.tick
     while not (standing.link.sent and damping(standing.link.sent[-1])):
         standing.step()
-    assert standing.robot.tick - tick <= 10
+    assert standing.side.tick - tick <= 10
     assert standing.startup.state is StartState.DAMPED and "button B" in standing.startup.reason
     assert standing.drivers.state == "damped"
     with pytest.raises(CommandError, match="refused in state 'damped'"):
@@ -101,17 +103,17 @@ def cut(loop: HardwareLoop, time: float) -> None:
 
 def damage(loop: HardwareLoop) -> None:
     """Every state has a wrong checksum."""
-    state = loop.robot.state
-    loop.robot.state = lambda: state()[:-1] + b"\x00"  # type: ignore[method-assign]
+    state = loop.side.state
+    loop.side.state = lambda: state()[:-1] + b"\x00"  # type: ignore[method-assign]
 
 
 FAULTS: dict[str, tuple[Callable[[HardwareLoop], object], str]] = {
     "cable out for 50 ms": (lambda loop: cut(loop, 0.05), "no new state of the robot"),
     "wrong checksum": (damage, "no new state of the robot"),
-    "another mode_machine": (lambda loop: setattr(loop.robot, "mode_machine", 4), "mode_machine changed to 4"),
-    "clock of the robot jumps": (lambda loop: setattr(loop.robot, "tick", 7), "clock has jumped"),
-    "motors at 110 degC": (lambda loop: loop.robot.temperature.fill(110), "110 degC above 105 degC"),
-    "30 V": (lambda loop: loop.robot.voltage.fill(30.0), "30 V below 39 V"),
+    "another mode_machine": (lambda loop: setattr(loop.side, "mode_machine", 4), "mode_machine changed to 4"),
+    "clock of the robot jumps": (lambda loop: setattr(loop.side, "tick", 7), "clock has jumped"),
+    "motors at 110 degC": (lambda loop: loop.side.temperature.fill(110), "110 degC above 105 degC"),
+    "30 V": (lambda loop: loop.side.voltage.fill(30.0), "30 V below 39 V"),
     "no commands of the controller": (
         lambda loop: setattr(loop.drivers, "command", lambda command: False), "no command of the controller"
     ),
@@ -136,22 +138,22 @@ def test_a_cable_out_for_10_ms_is_ridden_through(standing: HardwareLoop) -> None
 
 def test_lesser_values_are_reported(standing: HardwareLoop) -> None:
     for value, level in ((80, "warnings"), (95, "holds")):
-        standing.robot.temperature.fill(value)
+        standing.side.temperature.fill(value)
         standing.run(0.5)
         assert standing.startup.state is StartState.STAND and len(getattr(standing.plant, level)) == 1
 
 
 @pytest.mark.parametrize("state", [StartState.GANTRY, StartState.PREPARE, StartState.HELD])
 def test_each_state_of_the_start_may_be_stopped(loop: HardwareLoop, state: StartState) -> None:
-    loop.robot.rope_speed = 0.0
+    loop.side.rope_speed = 0.0
     while loop.startup.state is not state:
         if loop.startup.state is StartState.GANTRY:
             loop.startup.confirm_gantry()
         elif loop.startup.state is StartState.HANGING:
             loop.startup.lower()
-            loop.robot.rope_speed = 0.05
+            loop.side.rope_speed = 0.05
         loop.step()
-    loop.robot.press(B_BUTTON)
+    loop.side.press(B_BUTTON)
     loop.run(0.05)
     if state in BEFORE_RELEASE:
         assert loop.startup.state is StartState.LISTEN and not loop.link.sent
@@ -160,15 +162,15 @@ def test_each_state_of_the_start_may_be_stopped(loop: HardwareLoop, state: Start
 
 
 def test_a_damped_robot_is_hung_up_and_stands_again(standing: HardwareLoop) -> None:
-    standing.robot.hooked = True
-    standing.robot.rope_speed = -0.05
+    standing.side.hooked = True
+    standing.side.rope_speed = -0.05
     standing.startup.damp("test")
     standing.run(3.0)
-    standing.robot.rope_speed = 0.0
+    standing.side.rope_speed = 0.0
     standing.startup.prepare()
     standing.reach(StartState.HANGING)
     standing.startup.lower()
-    standing.robot.rope_speed = 0.05
+    standing.side.rope_speed = 0.05
     standing.drivers.set_mode(Mode.OFF)
     standing.stack.supervisor.reset()
     standing.reach(StartState.STAND)
@@ -179,7 +181,7 @@ def test_a_damped_robot_is_hung_up_and_stands_again(standing: HardwareLoop) -> N
 def test_after_a_crash_the_next_driver_only_damps(standing: HardwareLoop, tmp_path: Path) -> None:
     """The first driver is left without ``close``, as one that was killed; the robot keeps its last command."""
     assert (tmp_path / "marker").exists()
-    link = DirectLink(standing.robot)
+    link = DirectLink(standing.side)
     model = RobotModel.load("g1_hardware")
     plant = UnitreePlant(model, marker=str(tmp_path / "marker"), link=link)
     assert plant.crashed
@@ -201,3 +203,25 @@ def test_close_damps(standing: HardwareLoop) -> None:
     motors = read_low_cmd(standing.link.sent[-1])["motor_cmd"][:29]
     assert motors["kd"].min() > 0.0 and not motors["tau"].any()
     assert "configure it again" in standing.plant.findings[0]
+
+
+@pytest.mark.parametrize(
+    ("deviation", "mass", "forward"),
+    [(Deviation(torso_mass=1.8), 1.8, 0.0), (Deviation(com=(0.02, 0.0, 0.0)), 0.0, 0.02)],
+)
+def test_mass_and_com_are_identified_from_standing_still(
+    tmp_path: Path, deviation: Deviation, mass: float, forward: float
+) -> None:
+    loop = HardwareLoop(tmp_path / "marker", seed=4, deviation=deviation)
+    loop.start()
+    loop.unhook()
+    loop.run(1.0)
+    samples = []
+    for _ in range(500):
+        loop.step()
+        samples.append(loop.drivers.read())
+    found = identify(loop.robot, samples)
+    assert found.mass == pytest.approx(mass, abs=0.4)
+    np.testing.assert_allclose(found.com, (forward, 0.0), atol=0.004)
+    with pytest.raises(MessageError, match="needs samples of a robot that stands"):
+        identify(loop.robot, [])

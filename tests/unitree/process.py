@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from bridge.plants.unitree.simulated import STEP, GantryRobot
 from bridge.plants.unitree.wire import read_low_cmd
 from models.nodes.realtime import use_fifo
 from models.types import JointCommand
-from tests.unitree.robot import STEP, GantryRobot
 
 PRIORITY = 50  #: SCHED_FIFO, above the graph; where permitted
 LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces>

@@ -1,10 +1,13 @@
 """The start of a real robot: each state, what it waits for, how it is left; with made-up inputs, without a robot."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from bridge.driver.startup import StartInputs, StartState, Startup
+from bridge.plants.base import standing_torques
 from controllers.joints.joint_servo import drive_torque
+from models.constants import GRAVITY
 from models.errors import CommandError
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData, Vector
@@ -241,3 +244,35 @@ def test_after_a_crash_only_damping_is_possible(g1: RobotModel) -> None:
     for act in (bench.startup.confirm_gantry, bench.startup.lower):
         with pytest.raises(CommandError, match="refused in state 'damped'"):
             act()
+
+
+def test_the_torques_of_the_load_hold_the_weight(g1: RobotModel) -> None:
+    """Virtual work: for a motion with both soles flat on the floor, tau' dq = m g dz of the CoM."""
+    data = g1.data()
+    joints = g1.posture("stand").copy()
+    motion = np.zeros(g1.nj)
+    for side in ("left", "right"):
+        for joint, share in (("hip_pitch", -1.0), ("knee", 2.0), ("ankle_pitch", -1.0)):
+            motion[g1.joint_index(f"{side}_{joint}_joint")] = share
+    motion[g1.joint_index("waist_pitch_joint")] = 0.5
+
+    def height(step: float) -> float:
+        return float(pin.centerOfMass(g1.pin, data, g1.planted(joints + step * motion, data))[2])
+
+    torques = standing_torques(g1, joints, data)
+    work = GRAVITY * g1.mass * (height(1e-5) - height(-1e-5)) / 2e-5
+    assert torques @ motion == pytest.approx(work, rel=1e-4) and abs(work) > 10.0
+
+
+def test_the_stiff_hold_includes_them_by_the_share_of_the_load(bench: Bench) -> None:
+    bench.reach(StartState.HANGING)
+    bench.inputs.update(load=1.0)
+    command = bench.tick()
+    assert command is not None and not command.tau.any()
+    bench.inputs.update(load=0.5)
+    bench.startup.lower()
+    bench.run(2.0)
+    command = bench.tick()
+    assert command is not None
+    expected = standing_torques(bench.model, bench.q, bench.model.data())
+    np.testing.assert_allclose(command.tau, 0.5 * expected, rtol=1e-3)

@@ -1,4 +1,4 @@
-"""A Unitree G1 as its low-level protocol shows it: MuJoCo, drives, IMU, gantry, vendor's controller; no ROS, no DDS.
+"""A simulated G1 behind the low-level protocol: MuJoCo, drives, IMU, gantry, vendor's controller; no ROS, no DDS.
 
 The robot hangs from a rope at its torso. Until it is released, its vendor's controller damps the joints; after that the
 drives execute the last LowCmd for ever, as the real ones are assumed to do, and have no torque before the first.
@@ -10,9 +10,12 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from bridge.plants.deviation import Deviation
 from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.sensors import SensorErrors
 from bridge.plants.unitree.codec import joint_command
 from bridge.plants.unitree.wire import LOW_STATE, read_low_cmd, write_low_state
+from models.constants import GRAVITY
 from models.errors import MessageError
 from models.mujoco_model import mujoco_to_pin
 from models.robot_model import RobotModel
@@ -32,14 +35,26 @@ class GantryRobot:
         rate: Rate of the states [Hz].
         seed: Of the sensor noise.
         released: Whether the vendor's controller is off from the start.
+        deviation: Differences of the simulated robot from its profile; none when None.
         options: Of ``MujocoPlant``.
     """
 
     def __init__(
-        self, robot: str = "g1", *, rate: float = 500.0, seed: int = 0, released: bool = False, **options: Any
+        self,
+        robot: str = "g1",
+        *,
+        rate: float = 500.0,
+        seed: int = 0,
+        released: bool = False,
+        deviation: Deviation | None = None,
+        **options: Any,
     ) -> None:
         self.model = RobotModel.load(robot)
+        if deviation is not None:
+            options["sensor_errors"] = SensorErrors(encoder_offsets=deviation.encoder_offsets(self.model, seed))
         self.plant = MujocoPlant(self.model, seed=seed, timestep=STEP, **options)
+        if deviation is not None:
+            deviation.apply(self.plant, seed)
         self.ticks = round(1.0 / (rate * STEP))  #: Physics steps of a state
         self.tick = 0  #: Of the robot [ms]
         self.vendor = "" if released else "ai"
@@ -51,11 +66,12 @@ class GantryRobot:
         self.received = 0
         self.command: JointCommand | None = None
         nj = self.model.nj
-        self._damping = JointCommand(*np.zeros((4, nj)), 2.0 * self.model.kd)
+        zero = np.zeros(nj)
+        self._damping = JointCommand(zero, zero, zero, zero, 2.0 * self.model.kd)
         self._torso = self.plant.mujoco.bodies["torso"]
         self.plant.hoist(LIFT)
         self.plant.release()
-        weight = 9.81 * self.model.mass
+        weight = GRAVITY * float(self.plant.model.body_mass.sum())
         hook = self._hook()
         self._anchor = hook + np.array([0.0, 0.0, 1.0])
         self._length = 1.0 - weight / ROPE_STIFFNESS  #: Of the rope without load [m]
@@ -176,20 +192,25 @@ class DirectLink:
             self._states.append(self.robot.state())
 
     def take(self) -> list[bytes]:
+        """States since the last call."""
         found, self._states = self._states, []
         return found
 
     def send(self, data: bytes) -> None:
+        """Send a LowCmd to the robot."""
         if self.connected:
             self.sent.append(data)
             self._on_the_way.append((self.robot.tick + self.delay, data))
 
     def vendor(self) -> str | None:
+        """Name of the vendor's active controller; None when the robot does not answer."""
         return self.robot.vendor if self.connected else None
 
     def release(self) -> None:
+        """End the vendor's controller."""
         if self.connected:
             self.robot.vendor = ""
 
     def close(self) -> None:
+        """Disconnect."""
         self.connected = False

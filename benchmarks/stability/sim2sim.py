@@ -1,0 +1,218 @@
+"""The laws on a robot that differs from their model, through the drivers, start and protocol of a real one."""
+
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
+from benchmarks.core.harness import Case, Options, Report, chosen
+from benchmarks.stability.falls import FAILED, PASSED, draw_failures, last_moments
+from bridge.analysis.plots import new_figure
+from bridge.hardware_loop import HardwareLoop
+from bridge.plants.deviation import Deviation
+from models.config import STRICT, Count, Positive, Share
+from models.errors import ConfigError, PoiseError
+from models.heading import heading, turned
+from models.types import Mode, Vector
+
+PERIOD = 0.1  #: Between two looks at the robot [s]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Condition:
+    """How the simulated robot differs from the model of the laws."""
+
+    deviation: Deviation | None = None
+    delay: Count | None = None  #: From a state to its command in force; that of all conditions when None [ms]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Sim2simConfig:
+    """The test; the unit of every value stands in ``benchmarks/config/sim2sim.yaml``."""
+
+    first_seed: int
+    laws: dict[str, str]
+    rate: Positive
+    stand_time: Positive
+    motion: str
+    motion_time: Positive
+    speed: Positive
+    distance: Positive
+    distance_share: Share
+    stop_time: Positive
+    required_share: Share
+    record_period: Positive
+    shown: Positive
+    delay: Count
+    conditions: dict[str, Condition]
+
+
+_config = partial(settings, Sim2simConfig, "sim2sim")
+
+
+class Trial:
+    """The phases of a run: start, stand, motion, walk, stop. ``outcome`` holds what was measured so far."""
+
+    def __init__(self, loop: HardwareLoop, config: Sim2simConfig) -> None:
+        self.loop, self._config = loop, config
+        self.outcome: Case = {"distance": 0.0, "drift": float("nan"), "odometry": float("nan"), "aside": float("nan")}
+
+    def run(self) -> None:
+        """Run the phases; ``PoiseError`` when the robot falls, is damped, or needs too long."""
+        loop, config = self.loop, self._config
+        self._enter("start")
+        loop.start()
+        loop.unhook()
+        self._enter("stand")
+        begin = self._place
+        self._advance(config.stand_time)
+        self.outcome["drift"] = float(np.linalg.norm(self._place - begin))
+        self._enter("motion")
+        loop.command(config.motion)
+        self._stands_within(config.motion_time)
+        self._enter("walk")
+        self._walk()
+
+    def _walk(self) -> None:
+        loop, config = self.loop, self._config
+        yaw = heading(*loop.side.plant.truth.q[3:7])
+        begin, estimated, yaw_estimated = self._place, self._estimate, heading(*loop.stack.state.q[3:7])
+        loop.command("walk")
+        loop.stack.set_velocity(config.speed, 0.0, 0.0)
+        limit, start = config.distance / (config.distance_share * config.speed), loop.t
+        while self.outcome["distance"] < config.distance:
+            if loop.t - start > limit:
+                raise PoiseError(f"{self.outcome['distance']:.2f} m in {limit:.1f} s")
+            self._advance(PERIOD)
+            moved = turned(self._place - begin, -yaw)
+            self.outcome |= {"distance": float(moved[0]), "aside": float(moved[1])}
+        self._enter("stop")
+        loop.command("stop")
+        self._stands_within(config.stop_time)
+        moved = turned(self._place - begin, -yaw)
+        measured = turned(self._estimate - estimated, -yaw_estimated)
+        self.outcome["odometry"] = float(np.linalg.norm(measured - moved) / np.linalg.norm(moved))
+
+    @property
+    def _place(self) -> Vector:
+        return self.loop.side.base[:2]
+
+    @property
+    def _estimate(self) -> Vector:
+        return self.loop.stack.state.q[:2].copy()
+
+    def _enter(self, phase: str) -> None:
+        self.outcome["phase"] = phase
+
+    def _advance(self, time: float) -> None:
+        for _ in range(max(round(time / PERIOD), 1)):
+            self.loop.run(PERIOD)
+            if self.loop.failure:
+                raise PoiseError(self.loop.failure)
+
+    def _stands_within(self, time: float) -> None:
+        end = self.loop.t + time
+        while self.loop.stack.mode is not Mode.STAND:
+            if self.loop.t > end:
+                raise PoiseError(f"mode '{self.loop.stack.mode.value}' after {time:g} s")
+            self._advance(PERIOD)
+        self._advance(1.0)
+
+
+def measure(robot: str, seed: int, scenario: str) -> Case:
+    """Start, stand, wave, walk and stop under one condition; ``moments`` of a failed run."""
+    config = _config()
+    if robot not in config.laws:
+        raise ConfigError(f"bench sim2sim: no laws for robot '{robot}'; known: {', '.join(config.laws)}")
+    condition = config.conditions[scenario]
+    with TemporaryDirectory() as folder:
+        loop = HardwareLoop(
+            Path(folder) / "marker",
+            laws=config.laws[robot],
+            rate=config.rate,
+            seed=seed,
+            delay=condition.delay or config.delay,
+            record_period=config.record_period,
+            robot=robot,
+            deviation=condition.deviation,
+        )
+        trial, reason = Trial(loop, config), ""
+        try:
+            trial.run()
+        except PoiseError as error:
+            reason = str(error)
+    outcome = {**trial.outcome, "survived": not reason, "reason": reason, "time": loop.t}
+    return outcome if not reason or not len(loop.log) else {**outcome, "moments": last_moments(loop, config.shown)}
+
+
+class Sim2sim(Benchmark):
+    """Each condition, or those chosen, once a seed."""
+
+    measure = staticmethod(measure)
+
+    def cases(self, options: Options) -> list[Case]:
+        config = _config()
+        names = chosen("sim2sim", options.scenarios, list(config.conditions))
+        return [
+            {"robot": options.robot, "seed": seed, "scenario": name}
+            for name in names
+            for seed in options.each_seed(config.first_seed)
+        ]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Of each condition ``survived_`` of ``total_`` runs, and the mean ``distance_`` [m].
+
+        Of the runs that survived the largest ``drift_`` of the standing robot [m] and the largest error of the
+        ``odometry_`` over the distance [-].
+        """
+        figures = {}
+        for name in dict.fromkeys(case["scenario"] for case in cases):
+            of = [case for case in cases if case["scenario"] == name]
+            alive = [case for case in of if case["survived"]]
+            figures[f"survived_{name}"] = float(len(alive))
+            figures[f"total_{name}"] = float(len(of))
+            figures[f"distance_{name}_m"] = float(np.mean([case["distance"] for case in of]))
+            for key, unit in (("drift", "_m"), ("odometry", "")):
+                figures[f"{key}_{name}{unit}"] = max((case[key] for case in alive), default=float("nan"))
+        return figures
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        config = _config()
+        totals = {name: report.figures.get(f"total_{name}", 0.0) for name in config.conditions}
+        return at_least({f"survived_{name}": config.required_share * total for name, total in totals.items()})
+
+    def notes(self, report: Report) -> list[str]:
+        return [
+            *super().notes(report),
+            *(
+                f"{case['scenario']}, seed {case['seed']}: {case['phase']}, {case['time']:.1f} s: {case['reason']}"
+                for case in report.cases
+                if not case["survived"]
+            ),
+        ]
+
+    def survived(self, case: Case) -> tuple[str, bool]:
+        return case["scenario"], bool(case["survived"])
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        names = list(dict.fromkeys(case["scenario"] for case in report.cases))
+        first = min((case["seed"] for case in report.cases), default=0)
+        figure = new_figure(3.5 + 0.9 * len(names), 3.6)
+        axes = figure.add_subplot(1, 1, 1)
+        for survived, colour, label in ((True, PASSED, "survived"), (False, FAILED, "did not survive")):
+            shown = [case for case in report.cases if case["survived"] == survived]
+            places = [
+                names.index(case["scenario"]) + 0.3 * ((case["seed"] - first + 0.5) / report.seeds - 0.5)
+                for case in shown
+            ]
+            axes.plot(places, [case["distance"] for case in shown], "o", markersize=4, color=colour, label=label)
+        axes.axhline(_config().distance, color="k", linewidth=0.8, linestyle="--", label="required")
+        axes.set_xticks(range(len(names)), names, fontsize=8, rotation=20)
+        axes.set_ylabel("distance walked [m]")
+        axes.set_ylim(bottom=0.0)
+        axes.set_title(f"sim2sim, {report.who}, seeds: {report.seeds}", fontsize=10)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+        return [saved(figure, folder / f"sim2sim-{report.robot}.png"), *draw_failures(report, folder)]

@@ -1,0 +1,182 @@
+"""The drivers and laws of a real robot against a simulated one in one process, in lockstep: no ROS, no clock."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bridge.driver.drivers import HardwareDrivers
+from bridge.driver.startup import StartState, Startup
+from bridge.loop.lockstep import PlantMonitor
+from bridge.loop.log import LoopLog
+from bridge.plants.config import LoopConfig
+from bridge.plants.unitree.plant import UnitreePlant
+from bridge.plants.unitree.simulated import STEP, DirectLink, GantryRobot
+from controllers.estimation.assembler import mean_sample
+from controllers.stack import ControlStack, StackConfig
+from models.config import default_config
+from models.errors import PoiseError
+from models.robot_model import RobotModel
+from models.types import Mode, SensorData
+
+LOWERING = 0.05  #: Speed at which the gantry lowers the robot [m/s]
+
+
+class HardwareLoop:
+    """One tick is: state, estimate, command, drivers, robot; states and commands are the protocol's bytes.
+
+    Deterministic: the same arguments and calls give the same run. ``start`` does what the person at the gantry does.
+
+    Args:
+        marker: File that marks an unfinished run.
+        laws: Robot of the laws and drivers.
+        rate: Rate of states and commands [Hz].
+        seed: Of the sensor noise, and of random deviations.
+        delay: From a state to its command in force [ms].
+        record_period: Time between two rows of ``log`` [s]; no log when None.
+        options: Of ``GantryRobot``.
+    """
+
+    def __init__(
+        self,
+        marker: Path,
+        *,
+        laws: str = "g1_hardware",
+        rate: float = 500.0,
+        seed: int = 0,
+        delay: int = 2,
+        record_period: float | None = None,
+        **options: Any,
+    ) -> None:
+        self.side = GantryRobot(rate=rate, seed=seed, **options)  #: The simulated robot; no law may read it
+        self.link = DirectLink(self.side, delay)
+        self.robot = RobotModel.load(laws)  #: The robot of the laws
+        self.plant = UnitreePlant(self.robot, rate=rate, marker=str(marker), link=self.link)
+        self.drivers = HardwareDrivers(self.plant, self.robot)
+        self.stack = ControlStack(self.robot, StackConfig(), period=self.plant.period)
+        self.history: list[str] = []  #: States of the start, in order
+        self.log = LoopLog(self.robot)
+        self.events: list[tuple[float, str]] = []  #: Stamp [s] and text of commands and changes of mode
+        self.monitor = PlantMonitor(self.side.plant, default_config(LoopConfig, "bridge", "closed_loop"))
+        self._record_ticks = 0 if record_period is None else max(round(record_period / STEP), 1)
+        self._first: list[SensorData] = []
+        self._estimating = False
+        self._t = 0.0
+
+    @property
+    def t(self) -> float:
+        """Simulated time [s]."""
+        return self.side.tick * STEP
+
+    @property
+    def startup(self) -> Startup:
+        """The state machine of the start."""
+        return self.drivers.startup
+
+    @property
+    def upright(self) -> bool:
+        """Whether the base is above 0.6 m."""
+        return bool(np.isfinite(self.side.base).all() and self.side.base[2] > 0.6)
+
+    @property
+    def failure(self) -> str:
+        """Why the robot does not stand by itself: a fall, by the true state, a damped start, faults; empty if it does.
+
+        For a robot that is off the rope.
+        """
+        reasons = [self.monitor.reason, *self.stack.supervisor.faults]
+        if self.startup.state is not StartState.STAND:
+            reasons.append(f"{self.startup.state}: {self.startup.reason}")
+        return "; ".join(filter(None, reasons))
+
+    def step(self) -> None:
+        """One tick."""
+        for _ in range(self.side.ticks):
+            self.link.step()
+        sensors = self.drivers.read()
+        if sensors.t > self._t:
+            if self.startup.armable:
+                self._control(sensors, sensors.t - self._t)
+            else:
+                self._estimating = False
+                self._first.clear()
+            self._t = sensors.t
+        self.drivers.act()
+        if not self.side.hooked:
+            self.monitor.update()
+        if not self.history or self.history[-1] != self.startup.state:
+            self.history.append(str(self.startup.state))
+
+    def run(self, time: float) -> None:
+        """Run for a simulated time [s]."""
+        for _ in range(round(time / self.plant.period)):
+            self.step()
+
+    def command(self, text: str) -> None:
+        """Give a text command that must be accepted; ``PoiseError`` names command and reason of a refusal."""
+        reply = self.stack.command(text)
+        self._note(f"{text}: {reply.reason}")
+        if not reply.accepted:
+            raise PoiseError(f"{text} refused: {reply.reason}")
+
+    def until(self, condition: Callable[[], bool], limit: float) -> None:
+        """Run until a condition holds; ``PoiseError`` after a time [s]."""
+        for _ in range(round(limit / self.plant.period)):
+            if condition():
+                return
+            self.step()
+        raise PoiseError(
+            f"state '{self.startup.state}' after {limit:g} s waits for {self.startup.waits_for or 'nothing'}"
+            f"{self.startup.reason and f' ({self.startup.reason})'}; before: {', '.join(self.history)}"
+        )
+
+    def reach(self, state: StartState, limit: float = 20.0) -> None:
+        """Run until the start has reached a state."""
+        self.until(lambda: self.startup.state is state, limit)
+
+    def start(self) -> None:
+        """From hanging under the vendor's controller to standing; the rope stays tied, and slack."""
+        self.reach(StartState.GANTRY)
+        self.startup.confirm_gantry()
+        self.reach(StartState.HANGING)
+        self.startup.lower()
+        self.side.rope_speed = LOWERING
+        self.reach(StartState.STAND)
+        self.run(1.0)
+
+    def unhook(self) -> None:
+        """Untie the rope; from now on a fall is one."""
+        self.side.hooked = False
+        self.monitor.reset()
+
+    def _control(self, sensors: SensorData, dt: float) -> None:
+        if not self._estimating:
+            self._first.append(sensors)
+            if len(self._first) < 100:
+                return
+            self.stack.reset(mean_sample(self._first))
+            self._first.clear()
+            self._estimating = True
+            reply = self.stack.arm()
+            if not reply.accepted:
+                raise PoiseError(f"the supervisor refuses to arm: {reply.reason}")
+            self.drivers.set_mode(Mode.STAND)
+            return
+        command = self.stack.step(sensors, dt)
+        if command is not None:
+            self.drivers.command(command)
+            self._record()
+        before = self.stack.mode
+        mode = self.stack.supervise(sensors.t)
+        if mode is not before:
+            self.drivers.set_mode(mode)
+            self._note(f"mode {mode.value}" + "".join(f": {fault}" for fault in self.stack.supervisor.faults))
+
+    def _record(self) -> None:
+        if self._record_ticks and self.side.tick % self._record_ticks == 0:
+            plant, stack = self.side.plant, self.stack
+            self.log.add(plant.truth, plant.com, stack.state, stack.result, stack.mode, stack.gait)
+
+    def _note(self, text: str) -> None:
+        self.events.append((self._t, text))
