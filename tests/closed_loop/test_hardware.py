@@ -42,7 +42,10 @@ def damping(data: bytes) -> bool:
     return not motors["kp"].any() and not motors["q"].any()
 
 
-@pytest.mark.parametrize(("rate", "delay"), [(500.0, 2), (1000.0, 1), (500.0, 8)])
+@pytest.mark.parametrize(
+    ("rate", "delay"),
+    [(500.0, 2), pytest.param(1000.0, 1, marks=pytest.mark.slow), pytest.param(500.0, 8, marks=pytest.mark.slow)],
+)
 def test_it_starts_from_the_gantry_and_stands(tmp_path: Path, rate: float, delay: int) -> None:
     loop = HardwareLoop(tmp_path / "marker", rate=rate, seed=3, delay=delay)
     loop.start()
@@ -161,6 +164,7 @@ def test_each_state_of_the_start_may_be_stopped(loop: HardwareLoop, state: Start
         assert loop.startup.state is StartState.DAMPED and damping(loop.link.sent[-1])
 
 
+@pytest.mark.slow
 def test_a_damped_robot_is_hung_up_and_stands_again(standing: HardwareLoop) -> None:
     standing.side.hooked = True
     standing.side.rope_speed = -0.05
@@ -207,7 +211,10 @@ def test_close_damps(standing: HardwareLoop) -> None:
 
 @pytest.mark.parametrize(
     ("deviation", "mass", "forward"),
-    [(Deviation(torso_mass=1.8), 1.8, 0.0), (Deviation(com=(0.02, 0.0, 0.0)), 0.0, 0.02)],
+    [
+        (Deviation(torso_mass=1.8), 1.8, 0.0),
+        pytest.param(Deviation(com=(0.02, 0.0, 0.0)), 0.0, 0.02, marks=pytest.mark.slow),
+    ],
 )
 def test_mass_and_com_are_identified_from_standing_still(
     tmp_path: Path, deviation: Deviation, mass: float, forward: float

@@ -61,7 +61,7 @@ def test_a_run_that_is_too_slow_says_so(monkeypatch: pytest.MonkeyPatch) -> None
     assert case["drift"] < 0.01 and case["moments"]["mode"][-1] == "motion"
 
 
-@pytest.mark.parametrize("forward", [0.02, -0.02])
+@pytest.mark.parametrize("forward", [0.02, pytest.param(-0.02, marks=pytest.mark.slow)])
 def test_a_robot_with_another_com_starts_without_a_step(tmp_path: Path, forward: float) -> None:
     """Its feet stay where they touched down: the stiff hold does not lean it onto its toes or heels."""
     loop = HardwareLoop(tmp_path / "marker", seed=100, deviation=Deviation(com=(forward, 0.0, 0.0)))
