@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from benchmarks.core.harness import Case, Report
 from bridge.analysis.plots import COLOURS, new_figure
@@ -30,6 +31,23 @@ SATURATED = 0.95  # share of its limit from which on a torque counts as at it [-
 def last_moments(loop: ClosedLoop | HardwareLoop, duration: float) -> Case:
     """Signals of the ``duration`` [s] before the robot was damped, or before the end of the log; ``moments_since``."""
     return moments_since(loop, _end(loop.log) - duration)
+
+
+def plot_distances(report: Report) -> tuple[Figure, Axes]:
+    """Distance of every case by its scenario, the survivors apart; labels, lines and legend are left to the caller."""
+    names = list(dict.fromkeys(case["scenario"] for case in report.cases))
+    first = min((case["seed"] for case in report.cases), default=0)
+    figure = new_figure(3.5 + 0.9 * len(names), 3.6)
+    axes = figure.add_subplot(1, 1, 1)
+    for survived, colour, label in ((True, PASSED, "survived"), (False, FAILED, "did not survive")):
+        shown = [case for case in report.cases if case["survived"] == survived]
+        places = [
+            names.index(case["scenario"]) + 0.3 * ((case["seed"] - first + 0.5) / report.seeds - 0.5) for case in shown
+        ]
+        axes.plot(places, [case["distance"] for case in shown], "o", markersize=4, color=colour, label=label)
+    axes.set_xticks(range(len(names)), names, fontsize=8, rotation=20)
+    axes.set_xlim(-0.5, len(names) - 0.5)
+    return figure, axes
 
 
 def _end(log: LoopLog) -> float:

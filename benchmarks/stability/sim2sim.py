@@ -9,8 +9,7 @@ from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
 from benchmarks.core.harness import Case, Options, Report, chosen
-from benchmarks.stability.falls import FAILED, PASSED, draw_failures, last_moments
-from bridge.analysis.plots import new_figure
+from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
 from bridge.hardware_loop import HardwareLoop
 from bridge.plants.deviation import Deviation
 from models.config import STRICT, Count, Positive, Share
@@ -198,19 +197,8 @@ class Sim2sim(Benchmark):
         return case["scenario"], bool(case["survived"])
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        names = list(dict.fromkeys(case["scenario"] for case in report.cases))
-        first = min((case["seed"] for case in report.cases), default=0)
-        figure = new_figure(3.5 + 0.9 * len(names), 3.6)
-        axes = figure.add_subplot(1, 1, 1)
-        for survived, colour, label in ((True, PASSED, "survived"), (False, FAILED, "did not survive")):
-            shown = [case for case in report.cases if case["survived"] == survived]
-            places = [
-                names.index(case["scenario"]) + 0.3 * ((case["seed"] - first + 0.5) / report.seeds - 0.5)
-                for case in shown
-            ]
-            axes.plot(places, [case["distance"] for case in shown], "o", markersize=4, color=colour, label=label)
+        figure, axes = plot_distances(report)
         axes.axhline(_config().distance, color="k", linewidth=0.8, linestyle="--", label="required")
-        axes.set_xticks(range(len(names)), names, fontsize=8, rotation=20)
         axes.set_ylabel("distance walked [m]")
         axes.set_ylim(bottom=0.0)
         axes.set_title(f"sim2sim, {report.who}, seeds: {report.seeds}", fontsize=10)

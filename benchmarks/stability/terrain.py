@@ -11,8 +11,7 @@ from pydantic.dataclasses import dataclass as schema
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
 from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report, chosen
-from benchmarks.stability.falls import FAILED, PASSED, draw_failures, last_moments
-from bridge.analysis.plots import new_figure
+from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, NonNegative, Positive, Share
 from models.heading import heading
@@ -138,24 +137,12 @@ class Terrain(Benchmark):
         return case["scenario"], bool(case["survived"])
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        config, names = _config(), list(dict.fromkeys(case["scenario"] for case in report.cases))
-        first = min(case["seed"] for case in report.cases)
-        figure = new_figure(3.5 + 0.9 * len(names), 3.6)
-        axes = figure.add_subplot(1, 1, 1)
-        for survived, colour in ((True, PASSED), (False, FAILED)):
-            chosen = [case for case in report.cases if case["survived"] == survived]
-            places = [
-                names.index(case["scenario"]) + 0.3 * ((case["seed"] - first + 0.5) / report.seeds - 0.5)
-                for case in chosen
-            ]
-            label = "survived" if survived else "did not survive"
-            axes.plot(places, [case["distance"] for case in chosen], "o", markersize=4, color=colour, label=label)
+        config = _config()
+        figure, axes = plot_distances(report)
         commanded = config.speed * config.duration
         axes.axhline(commanded, color="k", linewidth=0.8, label="commanded")
         axes.axhline(config.distance_share * commanded, color="k", linewidth=0.8, linestyle="--", label="required")
-        axes.set_xticks(range(len(names)), names, fontsize=8, rotation=20)
         axes.set_ylabel(f"distance in {config.duration:.0f} s [m]")
-        axes.set_xlim(-0.5, len(names) - 0.5)
         axes.set_ylim(bottom=0.0)
         axes.set_title(f"terrain, {report.who}, seeds: {report.seeds}", fontsize=10)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)

@@ -6,12 +6,14 @@ from typing import Annotated
 import typer
 
 from bridge.commands.common import Namespace, Network, connected, print_reply, say
+from models.nodes import topics
 
 MODE_SERVICES = {
     **{word: f"mode/{word}" for word in ("off", "damp", "stand", "walk")},
     **{word: word for word in ("estop", "reset_faults")},
 }  #: Services of ``poise mode`` by their word
-START_STEPS = ("confirm_gantry", "prepare", "lower", "damp")  #: Words of ``poise start``
+#: Words of ``poise start``
+START_STEPS = tuple(name.removeprefix(topics.START) for name in topics.START_SERVICES)
 CALIBRATIONS = ("imu", "joints", "feet", "show", "rollback")  #: Words of ``poise calibrate``
 CALIBRATION_TIMEOUT = 400.0  #: Longest wait for a calibration [s]; the estimator gives up before
 
@@ -44,7 +46,7 @@ def start(
     if step not in START_STEPS:
         raise typer.BadParameter(f"unknown step '{step}'; known: {', '.join(START_STEPS)}")
     with connected(network, namespace) as client:
-        raise typer.Exit(print_reply(client.trigger(f"start/{step}")))
+        raise typer.Exit(print_reply(client.trigger(f"{topics.START}{step}")))
 
 
 def status(network: Network = False, namespace: Namespace = "") -> None:

@@ -81,7 +81,7 @@ def identify(model: RobotModel, samples: Sequence[SensorData]) -> Identified:
 
     The load is the weight and the CoP is below the CoM, both from the joint torques as ``FootLoad`` computes them;
     means of the samples. On a simulated G1 with a load at the torso the errors are 0.25 kg and 2 mm, and with encoder
-    offsets of up to 20 mrad 0.7 kg and 5 mm. The legs must have the masses of the model: with all masses 10 % larger,
+    offsets of up to 20 mrad 0.7 kg and 6 mm. The legs must have the masses of the model: with all masses 10 % larger,
     0.9 of 3.3 kg are not found.
     ``MessageError`` without samples, or when one of them is not finite.
     """

@@ -108,7 +108,6 @@ class Startup:
         self._from = self._target  # joint positions at the start of the ramp (nj,) [rad]
         self._ramp = self.config.ramp_time
         self._tau_at_fault = np.zeros(model.nj)
-        self._last: JointCommand | None = None
         self._findings: Sequence[str] = ("no message of the robot yet",)
         if crashed:
             self.state = StartState.DAMPED
@@ -236,9 +235,8 @@ class Startup:
             given = self._damped()
         else:
             given = self._held()
-        self._last = JointCommand(*(np.array(row) for row in self._rows(given)))
         if state is not StartState.DAMPED:
-            self._tau_at_fault = drive_torque(self.model, self._last, sensors.q, sensors.v)
+            self._tau_at_fault = drive_torque(self.model, given, sensors.q, sensors.v)
         return given
 
     def _require(self, name: str, state: StartState) -> None:

@@ -72,7 +72,8 @@ SUPERVISOR_STATUS, NODE_STATUS = "supervisor/status", "node_status"  #: Records 
 SUPERVISOR_TIME = "supervisor/time"  #: Time up to which the supervisor has judged the state
 START_STATUS = "start/status"  #: Record of the start of a real robot
 #: Services of the operator of a real robot
-START_SERVICES = ("start/confirm_gantry", "start/prepare", "start/lower", "start/damp")
+START = "start/"  #: Beginning of the names of these services
+START_SERVICES = tuple(f"{START}{step}" for step in ("confirm_gantry", "prepare", "lower", "damp"))
 REFUSALS = "refusals"  #: What each node refused last, with the reason
 STOP_MOTION = "stop"  #: ``motion/request`` that asks the controller to hold the present posture
 

@@ -1,4 +1,4 @@
-"""Connection to a Unitree robot: a participant of its own in the robot's DDS domain, polled, without an executor.
+"""Connection to a Unitree robot: a separate participant in the robot's DDS domain, polled, without an executor.
 
 Unitree's services are two topics each: a request and a response with the same id. ``motion_switcher`` names the active
 controller of the robot (``CHECK``) and ends it (``RELEASE``).
@@ -56,25 +56,9 @@ class DdsLink(RobotLink):
     def __init__(self, domain: int) -> None:
         state, command = (interface("unitree_hg", "msg", name) for name in ("LowState", "LowCmd"))
         self._request_type, response = (interface("unitree_api", "msg", name) for name in ("Request", "Response"))
-        self._context = Context()
-        rclpy.init(
-            args=log_arguments(),
-            context=self._context,
-            domain_id=domain,
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        self._node = Node(
-            "poise_unitree",
-            context=self._context,
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-            parameter_overrides=[Parameter("start_type_description_service", value=False)],
-        )
-        sensor = QoSProfile(depth=QUEUE, reliability=ReliabilityPolicy.BEST_EFFORT)
-        reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-        node = self._node
-        self._states = node.create_subscription(state, "lowstate", _ignore, sensor, raw=True)
+        self._context, self._node = _join(domain, "poise_unitree")
+        node, reliable = self._node, QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+        self._states = node.create_subscription(state, "lowstate", _ignore, SENSOR, raw=True)
         self._responses = node.create_subscription(response, f"{SWITCHER}/response", _ignore, QoSProfile(depth=QUEUE))
         self._commands = node.create_publisher(command, "lowcmd", reliable)
         self._requests = node.create_publisher(self._request_type, f"{SWITCHER}/request", reliable)

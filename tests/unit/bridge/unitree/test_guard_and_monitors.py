@@ -29,7 +29,7 @@ def command_of(model: RobotModel) -> bytes:
 
 def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> None:
     guard, data = DampingGuard(g1.kd), command_of(g1)
-    assert guard.step(100.0) is None  # nobody has commanded the robot
+    assert guard.step(100.0) is None  # before the driver's first command
     guard.receive(data, 100.0)
     assert guard.step(100.0 + 0.9 * SILENCE) is None
     made = guard.step(100.0 + 1.1 * SILENCE)
