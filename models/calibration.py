@@ -12,8 +12,9 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, Fraction, Positive
+from models.constants import FOOT_NAMES
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES, JointCommand, Matrix, SensorData, Vector
+from models.types import JointCommand, Matrix, SensorData, Vector
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -12,10 +12,11 @@ from pydantic.dataclasses import dataclass
 
 from models.calibration import Calibration, CalibrationLimits, implausible
 from models.config import STRICT, default_config, load_config
+from models.constants import FOOT_NAMES
 from models.errors import ConfigError, JointNameError
 from models.files import user_folder
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES, Vector3
+from models.types import Vector3
 
 DIRECTORY_VARIABLE = "POISE_CALIBRATION_DIR"  #: Environment variable that names the folder of the calibration files
 SCHEMA = 1  #: Version of the file; another one is refused

@@ -1,5 +1,6 @@
-"""Physical constants and units."""
+"""Physical constants and units, and the order of the feet."""
 
 GRAVITY = 9.81  #: Magnitude of free fall [m/s^2]: that of Pinocchio's models, and so of the plant
 NANOSECONDS = 1_000_000_000  #: In a second
 COM_HEIGHT_MIN = 0.1  #: Least CoM height of the pendulum model, so that its frequency stays finite [m]
+FOOT_NAMES = ("left", "right")  #: Order of the feet in every array with one row per foot

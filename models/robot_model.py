@@ -10,9 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from models.constants import FOOT_NAMES
 from models.errors import ConfigError, JointNameError, RobotModelError, did_you_mean
 from models.profile import Frame, Profile, Sole, joint_key, load_profile
-from models.types import FOOT_NAMES, Matrix, Vector
+from models.types import Matrix, Vector
 from models.urdf import pinocchio_from_urdf, resolve_uri
 
 SOLE_FRAMES = ("l_sole", "r_sole")  #: REP-120 names of the sole frames, in the order of ``FOOT_NAMES``

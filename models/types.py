@@ -24,8 +24,6 @@ Vector3 = tuple[float, float, float]
 Velocity = Vector3  #: Walking velocity of the body in its frame: forward [m/s], left [m/s], turn [rad/s]
 STILL: Velocity = (0.0, 0.0, 0.0)
 
-FOOT_NAMES = ("left", "right")  #: Order of the feet in every array with one row per foot
-
 
 class SensorData(Struct, frozen=True):
     """One sample of all sensors of the robot."""

@@ -18,11 +18,11 @@ from bridge.record.mcap_log import EVENTS
 from bridge.record.recording import Recording
 from bridge.record.render import DONE
 from controllers.recording.black_box_file import BlackBoxRecord
-from models.constants import GRAVITY, NANOSECONDS
+from models.constants import FOOT_NAMES, GRAVITY, NANOSECONDS
 from models.errors import PoiseError
 from models.nodes import topics
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES, Matrix, Mode, SolveStatus, Vector
+from models.types import Matrix, Mode, SolveStatus, Vector
 
 if TYPE_CHECKING:
     from bridge.record.run_file import RecordedRun

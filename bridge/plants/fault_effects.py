@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.plants.fault_plan import Fault
-from models.constants import GRAVITY
+from models.constants import FOOT_NAMES, GRAVITY
 from models.errors import ConfigError
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES, Vector
+from models.types import Vector
 
 STAMPS, SCAN = "stamps", "scan"
 

@@ -11,10 +11,10 @@ from bridge.record.run_file import RecordedRun
 from controllers.safety.health import SupervisorConfig
 from controllers.safety.supervisor import ACTIVE_MODES, GAIT_WORDS
 from models.config import default_config
-from models.constants import NANOSECONDS
+from models.constants import FOOT_NAMES, NANOSECONDS
 from models.nodes import topics
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES, Matrix, Mode, Vector
+from models.types import Matrix, Mode, Vector
 
 STALE = 0.05  #: Greatest age of a sample in a frame [s]; an older one ends the episode
 Frames = NDArray[np.float32]

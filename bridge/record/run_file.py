@@ -14,6 +14,7 @@ from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
 from bridge.record.mcap_log import DESCRIPTION, EVENTS, ROBOT
 from controllers.input_log import TickInputs
 from controllers.recording.black_box_file import SUFFIX
+from models.constants import FOOT_NAMES
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.messages import (
@@ -26,7 +27,7 @@ from models.nodes.messages import (
 )
 from models.nodes.odometry import OdometryCodec
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.types import FOOT_NAMES, JointCommand, JointTrajectory, Vector
+from models.types import JointCommand, JointTrajectory, Vector
 
 Joints = tuple[int, Vector, Vector, Vector]  #: Own stamp [ns], positions, velocities, torques (nj,)
 

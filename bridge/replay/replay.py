@@ -13,10 +13,10 @@ from controllers.estimation.assembler import IMU, SOURCES
 from controllers.input_log import TickInputs
 from controllers.recording.black_box_file import FORMAT, BlackBoxRecord
 from controllers.safety.supervisor import ACTIVE_MODES
-from models.constants import NANOSECONDS
+from models.constants import FOOT_NAMES, NANOSECONDS
 from models.errors import PoiseError
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES, JointCommand, JointTrajectory, SensorData, Vector
+from models.types import JointCommand, JointTrajectory, SensorData, Vector
 
 if TYPE_CHECKING:
     from bridge.record.run_file import RecordedRun

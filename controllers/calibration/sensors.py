@@ -9,8 +9,9 @@ import pinocchio as pin
 from controllers.calibration.config import CalibrationConfig
 from controllers.calibration.windows import Outcome, Window, accept, duration, named, refuse, unrest
 from models.calibration import Calibration
+from models.constants import FOOT_NAMES
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES, Vector
+from models.types import Vector
 
 
 def calibrate_imu(

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from controllers.estimation.stamps import StampFilter
-from models.constants import NANOSECONDS
-from models.types import FOOT_NAMES, SensorData, Vector
+from models.constants import FOOT_NAMES, NANOSECONDS
+from models.types import SensorData, Vector
 
 JOINTS, IMU = 0, 1  #: Rows of the stamp table; the feet follow
 MAX_AGE = 0.005  #: Age up to which a sample of another source is used by default [s]

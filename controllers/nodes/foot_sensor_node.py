@@ -13,6 +13,7 @@ from controllers.estimation.config import ContactConfig, EstimatorConfig
 from controllers.estimation.feet import UNKNOWN, ContactDetector
 from controllers.nodes.estimate_topics import Due
 from models.config import default_config
+from models.constants import FOOT_NAMES
 from models.errors import ConfigError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -21,7 +22,6 @@ from models.nodes.parameters import declare_config, declare_ns, declare_period
 from models.nodes.qos import LATCHED, SENSOR, STATE
 from models.nodes.spin import program
 from models.robot_model import SOLE_FRAMES
-from models.types import FOOT_NAMES
 
 SOUND, NO_SCHEDULE = np.zeros(2), np.full(2, UNKNOWN)  #: For each foot: a valid sample, and no expectation from a gait
 

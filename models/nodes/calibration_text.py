@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from models.types import FOOT_NAMES, CommandReply
+from models.constants import FOOT_NAMES
+from models.types import CommandReply
 
 if TYPE_CHECKING:
     from models.calibration import Calibration

@@ -10,10 +10,11 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
 
+from models.constants import FOOT_NAMES
 from models.errors import MessageError
 from models.nodes.messages import Codec, require_finite
 from models.nodes.topics import BASE_FRAME, ODOM_FRAME
-from models.types import FOOT_NAMES, ContactState, Matrix, RobotState, Vector, Velocity
+from models.types import ContactState, Matrix, RobotState, Vector, Velocity
 
 QUATERNION_TOLERANCE = 1e-3  #: Accepted deviation of a quaternion's norm from 1 [-]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from models.types import FOOT_NAMES
+from models.constants import FOOT_NAMES
 
 if TYPE_CHECKING:  # the command line must not load Pinocchio for a name
     from models.robot_model import RobotModel

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 from msgspec import Struct
 
+from models.constants import FOOT_NAMES
 from models.errors import CommandError, PoiseError, UnreachableError
-from models.types import FOOT_NAMES, Velocity
+from models.types import Velocity
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import (
     LEFT,

@@ -7,6 +7,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
+from models.constants import FOOT_NAMES
 from models.errors import MessageError
 from models.heading import heading
 from models.nodes import topics
@@ -14,7 +15,6 @@ from models.nodes.messages import set_stamp, to_ns
 from models.nodes.odometry import QUATERNION_TOLERANCE
 from models.nodes.services import own_message
 from models.robot_model import SOLE_FRAMES
-from models.types import FOOT_NAMES
 from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle
 from planners.gait.route import Footstep
 

@@ -9,6 +9,7 @@ from nav_msgs.msg import Path
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import Empty, Float64, String
 
+from models.constants import FOOT_NAMES
 from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -18,7 +19,7 @@ from models.nodes.parameters import declare, declare_period
 from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
 from models.nodes.spin import program
 from models.status import GaitStatus
-from models.types import FOOT_NAMES, STILL, Mode, Velocity
+from models.types import STILL, Mode, Velocity
 from planners.gait.commands import VelocityCommand, limited
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Feet

@@ -18,9 +18,9 @@ from bridge.record import lerobot
 from bridge.record.episodes import commanded, episodes, observed
 from bridge.record.mcap_log import EVENTS
 from bridge.record.run_file import RecordedRun, read_run
+from models.constants import FOOT_NAMES
 from models.nodes import topics
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES
 
 pytestmark = pytest.mark.ros
 
