@@ -57,12 +57,38 @@ def region_boxes(limits: tuple[StepLimits, ...]) -> Array:
     return boxes
 
 
+class Swiftness(NamedTuple):
+    """How fast a swing foot moves along an axis."""
+
+    speed: float  #: Largest mean speed [m/s]
+    acceleration: float  #: Largest acceleration [m/s^2]
+
+
+@register_jitable
+def way_within(time: float, velocity: float, swiftness: Swiftness) -> Point:
+    """How far a foot of this velocity gets and comes to rest in a time [m], and its derivative [m/s]."""
+    speed, most = swiftness
+    way = 0.5 * velocity * time + max(0.25 * (most * time * time - velocity * velocity / most), 0.0)
+    if way > speed * time:
+        return speed * time, speed
+    return way, max(0.5 * (velocity + most * time), 0.0)
+
+
+@register_jitable
+def time_to(way: float, velocity: float, swiftness: Swiftness) -> float:
+    """Least time in which a foot of this velocity covers a way, without coming to rest [s]."""
+    towards = velocity if way > 0.0 else -velocity
+    speed, most = swiftness
+    quickest = (math.sqrt(towards * towards + 2.0 * most * abs(way)) - towards) / most
+    return max(quickest, abs(way) / speed)
+
+
 class Passage(NamedTuple):
     """What a swing foot has to keep to, and what it can do."""
 
     corner: Point  #: Of the area around the stance foot that it must not enter: ahead, and to its own side [m]
     reach: Array  #: Of ``region_boxes``
-    speed: float  #: Of the foot [m/s]
+    swiftness: Swiftness  #: Of the foot
     quickest: float  #: Shortest single support [s]
 
 
@@ -105,7 +131,7 @@ def missed(dcm: Point, place: Point, foot: int, half: Array, omega: float, passa
     lands as near to it as its reach and its speed allow.
     """
     growth, box, square = math.exp(omega * passage.quickest), passage.reach[Region.URGENT, foot], 0.0
-    way = passage.speed * passage.quickest
+    way, _ = way_within(passage.quickest, 0.0, passage.swiftness)
     for i in range(2):
         cop = min(max(dcm[i], -half[i]), half[i])
         end = cop + (dcm[i] - cop) * growth
