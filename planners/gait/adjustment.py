@@ -36,10 +36,12 @@ from planners.gait.regions import (
     Swiftness,
     corner_between,
     divided,
+    fastest_after,
     missed,
     region_boxes,
     region_limits,
     time_to,
+    time_to_rest,
     way_within,
 )
 from planners.gait.swing import SwingState, Via
@@ -64,9 +66,9 @@ class StepProblem(NamedTuple):
     soonest: float  #: Least touchdown time [s]
     latest: float  #: Largest touchdown time [s]
     cop: Vector  #: Largest CoP offset to either side (2,) [m]
-    last: Vector  #: Foothold of the last adjustment, which stays within reach; NaN without one (2,) [m]
+    kept: bool  #: The foot is on its way into these bounds: the place in them nearest to its way is within reach
     place: Vector  #: From where the swing foot goes straight to the foothold: now, or a corner that it rounds (2,) [m]
-    velocity: Vector  #: Of the swing foot there (2,) [m/s]
+    velocities: Matrix  #: Of the swing foot there, largest backward and forward along each axis (2, 2) [m/s]
     leaves: float  #: When it leaves ``place``, from the start of the single support [s]
     swiftness: Swiftness  #: Of the swing foot along each axis
 
@@ -182,9 +184,11 @@ def _assemble(p: StepProblem, weights: Weights, out: StepQP) -> float:
     for i in range(2):
         for k in range(2):
             sign = 1.0 - 2.0 * k
-            way, rate = way_within(at - p.leaves, sign * p.velocity[i], p.swiftness)
-            if not math.isnan(p.last[i]):
-                way = max(way, sign * (p.last[i] - p.place[i]))
+            velocity = p.velocities[i, 1 - k]
+            way, rate = way_within(at - p.leaves, sign * velocity, p.swiftness)
+            if p.kept:
+                stop = p.place[i] + 0.5 * velocity * (at - p.leaves)
+                way = max(way, sign * (min(max(stop, p.lower[i]), p.upper[i]) - p.place[i]))
             rows[2 * i + k, 2] = -rate / growth
             upper[5 + 2 * i + k] = way - rate / p.omega + sign * p.place[i]
     return lacking
@@ -309,15 +313,14 @@ class StepPlanner:
         body, nominal_tau = (measured.com, measured.com_velocity), math.exp(omega * walk.pace.single)
         own = Region.URGENT if walk.urgent else Region.OWN
         last, best, least = step.region if step.region.crossing else own, None, math.inf
-        place, planned = walk.stance.relative(*swing.position[:2].tolist()), walk.stance.relative(*target)
+        place = walk.stance.relative(*swing.position[:2].tolist())
         for region in URGENT_REGIONS if walk.urgent or last.crossing else (own,):
             kept, corner = region is last, NOWHERE
             if not kept and divided(walk.foot, place, region, self._corner):
                 continue
             at = _Underway(walk.foot, region, kept, ends, omega, elapsed, step.time, soonest, latest)
-            before = planned if kept else NOWHERE
             for _ in range(2):  # straight, then round the stance foot where it is in the way
-                lacking = _assemble_step(self._setup, poses, at, walk.pace, dcm, motion, body, corner, before)
+                lacking = _assemble_step(self._setup, poses, at, walk.pace, dcm, motion, body, corner)
                 z, solved, value = self._adjustment.minimum(self._nominal.step, nominal_tau)
                 blocked, missed = _judge(self._setup, at, z)
                 if math.isnan(blocked[0]) or not math.isnan(corner[0]):
@@ -334,9 +337,11 @@ class StepPlanner:
         hold, time = Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega
         via, share, lead = None, None, config.swing.urgent_lead if walk.urgent else 0.0
         if not math.isnan(corner[0]):
-            if step.via is not None and step.region is region:
-                share = min(max((step.via.time - elapsed) / max(step.time - lead - elapsed, 1e-3), 0.0), 0.9)
-            via = _passing(walk.stance.moved(*corner), swing, hold, elapsed, time - lead, share)
+            via = step.via if step.region is region else None
+            if via is not None:
+                share = min(max((via.time - elapsed) / max(step.time - lead - elapsed, 1e-3), 0.0), 0.9)
+            if via is None or via.time - elapsed > 2.0 * config.swing.freeze:
+                via = _passing(walk.stance.moved(*corner), swing, hold, elapsed, time - lead, share)
         return PlannedStep(hold, time, end, solved, region, via, least)
 
     def _coming(self, walk: Walk) -> Matrix:
@@ -365,8 +370,13 @@ def _passing(corner: Point, swing: SwingState, hold: Foothold, elapsed: float, e
 
 
 def _passing_speed(before: float, after: float, speed: float, first: float, last: float) -> float:
-    """Of the cubic spline that starts with a speed and ends at rest, between two ways in two times [m/s]."""
-    return (1.5 * (before / first**2 + after / last**2) - 0.5 * speed / first) / (1.0 / first + 1.0 / last)
+    """Of the cubic spline that starts with a speed and ends at rest, between two ways in two times [m/s].
+
+    Not more than that from which on the first way begins backwards, for a run-up.
+    """
+    passing = (1.5 * (before / first**2 + after / last**2) - 0.5 * speed / first) / (1.0 / first + 1.0 / last)
+    most = 3.0 * before / first - 2.0 * speed
+    return min(max(passing, min(most, 0.0)), max(most, 0.0))
 
 
 def _effort(before: float, after: float, speed: float, first: float, last: float) -> float:
@@ -410,12 +420,11 @@ def _assemble_step(
     swing: SwingMotion,
     body: Body,
     corner: Point,
-    last: Point,
 ) -> float:
     """Assemble the QP of a step under way, in the stance frame, and its nominal step; returns ``_assemble``.
 
     ``poses`` are those of ``previewed_offset``, ``measured`` is the DCM in W (2,) [m]; ``corner`` is that of
-    ``corner_between``, ``last`` the foothold of the last adjustment in the stance frame, NaN when of another region.
+    ``corner_between``.
     """
     fixed, nominal = setup.record, setup.record.nominal
     model, motion = fixed.model, swing[0]
@@ -426,9 +435,8 @@ def _assemble_step(
     swing_place = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
     rounds, crossing, swiftness = not math.isnan(corner[0]), region >= Region.FRONT, fixed.passage.swiftness
     moving, away = rotated(-yaw, motion[1, 0], motion[1, 1]), 0.0
-    if rounds:
-        for i in range(2):
-            away = max(away, time_to(corner[i] - swing_place[i], moving[i], swiftness))
+    # Along x the foot comes to rest at the corner, and passes it along y; on its way back from across it is reversed.
+    blocked = 0 if swing_place[1] * corner[1] >= corner[1] * corner[1] or swing_place[1] == corner[1] else 1
     stance_centre, centre = model.points[1 - foot], model.points[foot]
     point = point_at(x, y, yaw, stance_centre[0], stance_centre[1])
     landing = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
@@ -437,7 +445,7 @@ def _assemble_step(
     free = rotated(-yaw, measured[0] - point[0] - swing_shift[0], measured[1] - point[1] - swing_shift[1])
     reach = fixed.passage.reach[region, foot]
     dcm_free, end, lower, upper, place = np.empty(2), np.empty(2), np.empty(2), np.empty(2), np.empty(2)
-    velocity, before = np.zeros(2), np.empty(2)
+    velocities = np.zeros((2, 2))
     for i in range(2):
         shift = zmp[i] - hold[i] - stance_centre[i]
         nominal.step[i], nominal.shift[i], nominal.offset[i] = hold[i] + shift, shift, offset[i]
@@ -447,9 +455,16 @@ def _assemble_step(
         # A foot that is still out of reach may stay in line with its place.
         place[i] = (min(max(at, reach[0, i]), reach[1, i]) if kept or not crossing else at) + shift
         nominal.dcm[i], nominal.place[i] = free[i], swing_place[i] + shift
-        before[i] = last[i] + shift
         if not rounds:
-            velocity[i] = moving[i]
+            velocities[i, :] = moving[i]
+            continue
+        way = corner[i] - swing_place[i]
+        if i == blocked:
+            away = max(away, time_to_rest(way, moving[i], swiftness))
+        else:
+            away = max(away, time_to(way, moving[i], swiftness))
+            after = fastest_after(way, moving[i], swiftness)
+            velocities[i, 0], velocities[i, 1] = min(after, 0.0), max(after, 0.0)
     problem = StepProblem(
         dcm_free,
         elapsed,
@@ -464,9 +479,9 @@ def _assemble_step(
         soonest,
         latest,
         fixed.cop[1 - foot],
-        before,
+        kept,
         place,
-        velocity,
+        velocities,
         elapsed + away,
         swiftness,
     )

@@ -76,11 +76,24 @@ def way_within(time: float, velocity: float, swiftness: Swiftness) -> Point:
 
 @register_jitable
 def time_to(way: float, velocity: float, swiftness: Swiftness) -> float:
-    """Least time in which a foot of this velocity covers a way, without coming to rest [s]."""
+    """Least time in which a foot of this velocity covers a way and goes on [s]."""
     towards = velocity if way > 0.0 else -velocity
     speed, most = swiftness
-    quickest = (math.sqrt(towards * towards + 2.0 * most * abs(way)) - towards) / most
-    return max(quickest, abs(way) / speed)
+    return max((math.sqrt(towards * towards + 2.0 * most * abs(way)) - towards) / most, abs(way) / speed)
+
+
+@register_jitable
+def time_to_rest(way: float, velocity: float, swiftness: Swiftness) -> float:
+    """Least time in which a foot of this velocity covers a way and comes to rest: the inverse of ``way_within`` [s]."""
+    towards = velocity if way > 0.0 else -velocity
+    speed, most = swiftness
+    return max((math.sqrt(2.0 * towards * towards + 4.0 * most * abs(way)) - towards) / most, abs(way) / speed)
+
+
+@register_jitable
+def fastest_after(way: float, velocity: float, swiftness: Swiftness) -> float:
+    """Largest velocity of a foot at the end of a way on which it does not brake [m/s]."""
+    return math.copysign(math.sqrt(velocity * velocity + 2.0 * swiftness[1] * abs(way)), way)
 
 
 class Passage(NamedTuple):

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from models.config import default_config
 from planners.gait.adjustment import AdjustedStep, StepAdjustment, StepProblem
 from planners.gait.config import GaitConfig
-from planners.gait.regions import Swiftness, time_to, way_within
+from planners.gait.regions import Swiftness, fastest_after, time_to, time_to_rest, way_within
 
 CONFIG = default_config(GaitConfig, "planners", "gait").adjustment
 OMEGA, ELAPSED = 3.85, 0.1
@@ -28,9 +28,9 @@ NOMINAL = StepProblem(
     soonest=0.2,
     latest=0.6,
     cop=np.array([0.04, 0.012]),
-    last=np.full(2, math.nan),
+    kept=False,
     place=np.zeros(2),
-    velocity=np.zeros(2),
+    velocities=np.zeros((2, 2)),
     leaves=ELAPSED,
     swiftness=Swiftness(100.0, 1e4),  # bounds nothing
 )
@@ -151,22 +151,27 @@ def test_the_way_that_a_foot_gets_is_that_of_largest_acceleration_and_braking(ve
     assert way_within(time, velocity, Swiftness(0.1, 50.0))[0] <= 0.1 * time + 1e-12
 
 
-@pytest.mark.parametrize(("way", "velocity"), [(0.2, 0.0), (0.2, 1.0), (0.2, -1.0), (-0.2, 1.0), (0.0, -1.0)])
+@pytest.mark.parametrize(("way", "velocity"), [(0.2, 0.0), (0.2, 1.0), (0.2, -1.0), (-0.2, 1.0)])
 def test_the_time_to_a_corner_is_that_of_largest_acceleration(way: float, velocity: float) -> None:
-    time, towards = time_to(way, velocity, Swiftness(1e3, 50.0)), math.copysign(1.0, way)
+    swiftness, towards = Swiftness(1e3, 50.0), math.copysign(1.0, way)
+    time, rests = time_to(way, velocity, swiftness), time_to_rest(way, velocity, swiftness)
     assert velocity * time + towards * 25.0 * time**2 == pytest.approx(way, abs=1e-9)
+    assert velocity + towards * 50.0 * time == pytest.approx(fastest_after(way, velocity, swiftness))
+    assert way_within(rests, towards * velocity, swiftness)[0] == pytest.approx(abs(way))
     assert time_to(way, velocity, Swiftness(0.1, 50.0)) >= abs(way) / 0.1
 
 
 def test_a_foot_under_way_lands_less_far_behind_it() -> None:
-    """What it has to brake first it cannot go the other way; the last foothold stays within reach."""
-    place, pushed, forward = np.array([0.0, 0.2]), undisturbed() + np.array([-0.15, 0.0]), np.array([1.5, 0.0])
+    """What it has to brake first it cannot go the other way; in its own region there is always a foothold."""
+    place, pushed, forward = np.array([0.0, 0.2]), undisturbed() + np.array([-0.15, 0.0]), np.array([[1.5], [0.0]])
     slow = {"place": place, "swiftness": Swiftness(3.0, 20.0), "soonest": 0.34, "latest": 0.34}
-    still, moving = solve(pushed, **slow), solve(pushed, velocity=forward, **slow)
+    still, moving = solve(pushed, **slow), solve(pushed, velocities=forward * np.ones(2), **slow)
     assert still.solved and moving.solved
     assert moving.step[0] > still.step[0] + 0.02
-    kept = solve(pushed, velocity=forward, last=still.step, **slow)
-    assert kept.step == pytest.approx(still.step, abs=1e-3)
+    fast = {**slow, "velocities": 4.0 * forward * np.ones(2)}  # comes to rest beyond the largest foothold
+    assert not solve(pushed, **fast).solved
+    kept = solve(pushed, kept=True, **fast)
+    assert kept.solved and kept.step[0] == pytest.approx(NOMINAL.upper[0])
 
 
 def test_without_a_solution_it_keeps_to_the_nominal_step() -> None:
