@@ -34,14 +34,12 @@ from planners.gait.regions import (
     Passage,
     Region,
     Swiftness,
+    arrival,
     corner_between,
     divided,
-    fastest_after,
     missed,
     region_boxes,
     region_limits,
-    time_to,
-    time_to_rest,
     way_within,
 )
 from planners.gait.swing import SwingState, Via
@@ -435,8 +433,8 @@ def _assemble_step(
     swing_place = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
     rounds, crossing, swiftness = not math.isnan(corner[0]), region >= Region.FRONT, fixed.passage.swiftness
     moving, away = rotated(-yaw, motion[1, 0], motion[1, 1]), 0.0
-    # Along x the foot comes to rest at the corner, and passes it along y; on its way back from across it is reversed.
-    blocked = 0 if swing_place[1] * corner[1] >= corner[1] * corner[1] or swing_place[1] == corner[1] else 1
+    if rounds:
+        away, moving = arrival(swing_place, moving, corner, swiftness)
     stance_centre, centre = model.points[1 - foot], model.points[foot]
     point = point_at(x, y, yaw, stance_centre[0], stance_centre[1])
     landing = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
@@ -455,16 +453,9 @@ def _assemble_step(
         # A foot that is still out of reach may stay in line with its place.
         place[i] = (min(max(at, reach[0, i]), reach[1, i]) if kept or not crossing else at) + shift
         nominal.dcm[i], nominal.place[i] = free[i], swing_place[i] + shift
-        if not rounds:
-            velocities[i, :] = moving[i]
-            continue
-        way = corner[i] - swing_place[i]
-        if i == blocked:
-            away = max(away, time_to_rest(way, moving[i], swiftness))
-        else:
-            away = max(away, time_to(way, moving[i], swiftness))
-            after = fastest_after(way, moving[i], swiftness)
-            velocities[i, 0], velocities[i, 1] = min(after, 0.0), max(after, 0.0)
+        # At a corner the foot may also be slower.
+        velocities[i, 0] = min(moving[i], 0.0) if rounds else moving[i]
+        velocities[i, 1] = max(moving[i], 0.0) if rounds else moving[i]
     problem = StepProblem(
         dcm_free,
         elapsed,

@@ -66,12 +66,16 @@ class Swiftness(NamedTuple):
 
 @register_jitable
 def way_within(time: float, velocity: float, swiftness: Swiftness) -> Point:
-    """How far a foot of this velocity gets and comes to rest in a time [m], and its derivative [m/s]."""
+    """How far a foot of this velocity gets and comes to rest in a time [m], and its derivative [m/s].
+
+    With too little time it brakes harder.
+    """
     speed, most = swiftness
-    way = 0.5 * velocity * time + max(0.25 * (most * time * time - velocity * velocity / most), 0.0)
+    beyond = 0.25 * (most * time * time - velocity * velocity / most)
+    way, rate = 0.5 * velocity * time + max(beyond, 0.0), 0.5 * (velocity + (most * time if beyond > 0.0 else 0.0))
     if way > speed * time:
         return speed * time, speed
-    return way, max(0.5 * (velocity + most * time), 0.0)
+    return way, max(rate, 0.0)
 
 
 @register_jitable
@@ -91,9 +95,18 @@ def time_to_rest(way: float, velocity: float, swiftness: Swiftness) -> float:
 
 
 @register_jitable
-def fastest_after(way: float, velocity: float, swiftness: Swiftness) -> float:
-    """Largest velocity of a foot at the end of a way on which it does not brake [m/s]."""
-    return math.copysign(math.sqrt(velocity * velocity + 2.0 * swiftness[1] * abs(way)), way)
+def arrival(place: Point, velocity: Point, corner: Point, swiftness: Swiftness) -> tuple[float, Point]:
+    """Least time to a corner of ``corner_between`` [s], and the velocity of the foot there [m/s].
+
+    The axis along which the foot may not go farther before the corner is that of x, but on the way back from across the
+    stance foot that of y. It comes to rest along it, and passes the corner along the other one without braking.
+    """
+    outside = place[1] == corner[1] or place[1] * corner[1] >= corner[1] * corner[1]
+    x, y = corner[0] - place[0], corner[1] - place[1]
+    rest, way, speed = (x, y, velocity[1]) if outside else (y, x, velocity[0])
+    time = max(time_to_rest(rest, velocity[0] if outside else velocity[1], swiftness), time_to(way, speed, swiftness))
+    passing = math.copysign(math.sqrt(speed * speed + 2.0 * swiftness[1] * abs(way)), way)
+    return time, ((0.0, passing) if outside else (passing, 0.0))
 
 
 class Passage(NamedTuple):

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from models.config import default_config
 from planners.gait.adjustment import AdjustedStep, StepAdjustment, StepProblem
 from planners.gait.config import GaitConfig
-from planners.gait.regions import Swiftness, fastest_after, time_to, time_to_rest, way_within
+from planners.gait.regions import Swiftness, arrival, time_to, time_to_rest, way_within
 
 CONFIG = default_config(GaitConfig, "planners", "gait").adjustment
 OMEGA, ELAPSED = 3.85, 0.1
@@ -156,9 +156,20 @@ def test_the_time_to_a_corner_is_that_of_largest_acceleration(way: float, veloci
     swiftness, towards = Swiftness(1e3, 50.0), math.copysign(1.0, way)
     time, rests = time_to(way, velocity, swiftness), time_to_rest(way, velocity, swiftness)
     assert velocity * time + towards * 25.0 * time**2 == pytest.approx(way, abs=1e-9)
-    assert velocity + towards * 50.0 * time == pytest.approx(fastest_after(way, velocity, swiftness))
     assert way_within(rests, towards * velocity, swiftness)[0] == pytest.approx(abs(way))
     assert time_to(way, velocity, Swiftness(0.1, 50.0)) >= abs(way) / 0.1
+
+
+def test_a_foot_comes_to_rest_at_a_corner_along_the_axis_that_it_blocks() -> None:
+    """Ahead when it crosses, aside on its way back; mirrored for the other foot."""
+    swiftness, still = Swiftness(1e3, 50.0), (0.0, 0.0)
+    time, (x, y) = arrival((-0.1, 0.2), still, (0.2, 0.1), swiftness)
+    assert time == pytest.approx(time_to_rest(0.3, 0.0, swiftness)) and x == 0.0
+    assert y == pytest.approx(-50.0 * time_to(0.1, 0.0, swiftness))
+    time, (x, y) = arrival((0.25, -0.05), still, (0.2, 0.1), swiftness)
+    assert time == pytest.approx(time_to_rest(0.15, 0.0, swiftness)) and y == 0.0 and x < 0.0
+    mirrored = arrival((0.25, 0.05), still, (0.2, -0.1), swiftness)
+    assert mirrored == (pytest.approx(time), (pytest.approx(x), 0.0))
 
 
 def test_a_foot_under_way_lands_less_far_behind_it() -> None:
