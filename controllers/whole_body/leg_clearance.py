@@ -16,6 +16,7 @@ from models.types import Reference
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+_SCALE = 0.01  #: Of the rows and their bounds; eliminating the contacts makes those of the legs larger
 _ROWS = 3  #: Pairs of shapes that are kept apart at the same time
 JOINTS_V, JOINTS_Q = 6, 7  #: Index of the first joint in a velocity and in a configuration
 
@@ -56,8 +57,10 @@ class LegClearanceLimit(AccelerationLimit):
         self._measured = np.tile(standing[self._joints], (len(self._pairs), 1))  # joint positions then [rad]
 
     def bound(self, terms: Terms, reference: Reference) -> None:
-        """Rows of the nearest pairs; the others are without a bound."""
+        """Rows of the nearest pairs; the others are without a bound, all of them while both feet are planted."""
         self.matrix[:], self.lower[:] = 0.0, -UNBOUNDED
+        if all(reference.contacts):
+            return
         config, distances, measured = self._config, self._distances, self._measured
         near = _nearest(terms.q, self._joints, measured, distances, self._levers, config.reach)
         if not len(near):
@@ -72,7 +75,8 @@ class LegClearanceLimit(AccelerationLimit):
             jacobian, out = terms.joint_jacobian, self.matrix[row]
             rate = _distance_row(jacobian, terms.v, normal, first, second, left, right, out)
             wanted = config.velocity_gain * (config.position_gain * (config.gap - distance) - rate)
-            self.lower[row] = min(max(wanted, -config.acceleration), config.acceleration)
+            self.lower[row] = _SCALE * min(max(wanted, -config.acceleration), config.acceleration)
+            out *= _SCALE
 
     def _measure(self, pair: int) -> coal.DistanceResult:
         return pin.computeDistance(self._geometry, self._data, pair)

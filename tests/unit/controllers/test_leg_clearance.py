@@ -19,6 +19,7 @@ from tests.support import standing
 
 ROBOTS = ("g1", "talos")
 DT = 0.001
+SCALE = 0.01  #: Of the limit's rows
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
@@ -87,10 +88,13 @@ def test_a_row_is_the_derivative_of_a_distance(model: RobotModel, seed: int) -> 
     rates = ((later - earlier) / (2.0 * h))[order]
     used = int((here[: len(limit.lower)] < config.reach).sum())
     assert used > 0
-    np.testing.assert_allclose(limit.matrix[:used] @ state.v, rates[:used], atol=0.02)
+    np.testing.assert_allclose(limit.matrix[:used] @ state.v / SCALE, rates[:used], atol=0.02)
     wanted = config.velocity_gain * (config.position_gain * (config.gap - here[:used]) - rates[:used])
-    np.testing.assert_allclose(limit.lower[:used], np.clip(wanted, -config.acceleration, config.acceleration), atol=1.0)
+    bound = np.clip(wanted, -config.acceleration, config.acceleration)
+    np.testing.assert_allclose(limit.lower[:used] / SCALE, bound, atol=1.0)
     assert (limit.lower[used:] == -UNBOUNDED).all()
+    limit.bound(terms, replace(some_reference(model, terms), contacts=(True, True)))
+    assert (limit.lower == -UNBOUNDED).all()
 
 
 @pytest.mark.parametrize("enabled", [True, False])
