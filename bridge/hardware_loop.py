@@ -11,8 +11,9 @@ from bridge.driver.startup import StartState, Startup
 from bridge.loop.lockstep import PlantMonitor
 from bridge.loop.log import LoopLog
 from bridge.plants.config import LoopConfig
+from bridge.plants.gantry import STEP
 from bridge.plants.unitree.plant import UnitreePlant
-from bridge.plants.unitree.simulated import STEP, DirectLink, GantryRobot
+from bridge.plants.unitree.simulated import DirectLink, GantryRobot
 from controllers.estimation.assembler import mean_sample
 from controllers.stack import ControlStack, StackConfig
 from models.config import default_config

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from bridge.plants.unitree.simulated import STEP, GantryRobot
+from bridge.plants.gantry import STEP
+from bridge.plants.unitree.simulated import GantryRobot
 from bridge.plants.unitree.wire import read_low_cmd
 from models.nodes.realtime import use_fifo
 from models.types import JointCommand
@@ -76,18 +77,19 @@ class RosSide:
     def __init__(self, robot: GantryRobot, interface: str, domain: int) -> None:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-        from bridge.plants.unitree.link import CHECK, RELEASE, SENSOR, _ignore, _join
+        from bridge.plants.participant import SENSOR, ignore, join
+        from bridge.plants.unitree.link import CHECK, RELEASE
         from models.nodes.interfaces import interface as find
 
         self._robot = robot
-        _, self._node = _join(domain, "robot")
+        _, self._node = join(domain, "robot")
         best = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._states = self._node.create_publisher(find("unitree_hg", "msg", "LowState"), "lowstate", best)
         self._commands = self._node.create_subscription(
-            find("unitree_hg", "msg", "LowCmd"), "lowcmd", _ignore, SENSOR, raw=True
+            find("unitree_hg", "msg", "LowCmd"), "lowcmd", ignore, SENSOR, raw=True
         )
         request, self._response = (find("unitree_api", "msg", name) for name in ("Request", "Response"))
-        self._requests = self._node.create_subscription(request, "api/motion_switcher/request", _ignore, 10)
+        self._requests = self._node.create_subscription(request, "api/motion_switcher/request", ignore, 10)
         self._responses = self._node.create_publisher(self._response, "api/motion_switcher/response", 10)
         self._check, self._release = CHECK, RELEASE
         self.sent: dict[int, float] = {}
@@ -105,9 +107,9 @@ class RosSide:
                 del self.sent[next(iter(self.sent))]
 
     def take(self) -> None:
-        from bridge.plants.unitree.link import _take, _take_all
+        from bridge.plants.participant import take, take_all
 
-        for data in _take_all(self._commands):
+        for data in take_all(self._commands):
             if not self.connected:
                 continue
             now = time.monotonic()
@@ -118,7 +120,7 @@ class RosSide:
                 self.answers.append(now - since)
             self.gaps.append(now - self._last)
             self._last = now
-        while (request := _take(self._requests)) is not None:
+        while (request := take(self._requests)) is not None:
             response = self._response()
             response.header.identity = request.header.identity
             if request.header.identity.api_id == self._release:
