@@ -64,6 +64,14 @@ class HangingRobot:
         self.slack = 0.0  #: Rope let out so far [m]
         self.hooked = True  #: Whether the rope is tied to the robot
 
+    def receive(self, data: bytes) -> None:
+        """A command from the network; counted in ``refused`` when it is not valid."""
+        raise NotImplementedError
+
+    def states(self) -> list[Any]:
+        """What the robot sends when a state is ``due``."""
+        raise NotImplementedError
+
     def accept(self, command: JointCommand) -> None:
         """A valid command."""
         self.received += 1
@@ -124,3 +132,37 @@ class HangingRobot:
             pull = max(ROPE_STIFFNESS * stretch - ROPE_DAMPING * float(along @ speed), 0.0)
             force = pull * along - ROPE_DRAG * (speed - along * float(along @ speed))
         data.xfrc_applied[body] = np.concatenate([force, np.cross(arm, force)])
+
+
+class StepLink:
+    """A robot in the same process instead of a network; commands take effect ``delay`` steps later."""
+
+    def __init__(self, robot: HangingRobot, delay: int = 0) -> None:
+        self.robot, self.delay = robot, delay
+        self.connected = True
+        self.sent: list[bytes] = []
+        self._states: list[Any] = []
+        self._on_the_way: list[tuple[int, bytes]] = []
+
+    def step(self) -> None:
+        """Advance the robot by 1 ms."""
+        while self._on_the_way and self._on_the_way[0][0] <= self.robot.tick:
+            self.robot.receive(self._on_the_way.pop(0)[1])
+        self.robot.step()
+        if self.robot.due and self.connected:
+            self._states += self.robot.states()
+
+    def take(self) -> list[Any]:
+        """What the robot has sent since the last call."""
+        found, self._states = self._states, []
+        return found
+
+    def send(self, data: bytes) -> None:
+        """Send a command to the robot."""
+        if self.connected:
+            self.sent.append(data)
+            self._on_the_way.append((self.robot.tick + self.delay, data))
+
+    def close(self) -> None:
+        """Disconnect."""
+        self.connected = False

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bridge.plants.gantry import HangingRobot
+from bridge.plants.gantry import HangingRobot, StepLink
 from bridge.plants.unitree.codec import joint_command
 from bridge.plants.unitree.wire import LOW_STATE, read_low_cmd, write_low_state
 from models.errors import MessageError
@@ -55,6 +55,9 @@ class GantryRobot(HangingRobot):
     def drive(self) -> JointCommand:
         return self._damping if self.vendor else super().drive()
 
+    def states(self) -> list[bytes]:
+        return [self.state()]
+
     def state(self) -> bytes:
         """The present LowState, serialised."""
         sensors, record = self.plant.read(), self._record
@@ -70,34 +73,10 @@ class GantryRobot(HangingRobot):
         return write_low_state(record)
 
 
-class DirectLink:
-    """A robot in the same process, as ``RobotLink`` of the plant; commands take effect ``delay`` steps later."""
+class DirectLink(StepLink):
+    """A robot in the same process, as ``RobotLink`` of the plant."""
 
-    def __init__(self, robot: GantryRobot, delay: int = 0) -> None:
-        self.robot, self.delay = robot, delay
-        self.connected = True
-        self.sent: list[bytes] = []
-        self._states: list[bytes] = []
-        self._on_the_way: list[tuple[int, bytes]] = []
-
-    def step(self) -> None:
-        """Advance the robot by 1 ms."""
-        while self._on_the_way and self._on_the_way[0][0] <= self.robot.tick:
-            self.robot.receive(self._on_the_way.pop(0)[1])
-        self.robot.step()
-        if self.robot.due and self.connected:
-            self._states.append(self.robot.state())
-
-    def take(self) -> list[bytes]:
-        """States since the last call."""
-        found, self._states = self._states, []
-        return found
-
-    def send(self, data: bytes) -> None:
-        """Send a LowCmd to the robot."""
-        if self.connected:
-            self.sent.append(data)
-            self._on_the_way.append((self.robot.tick + self.delay, data))
+    robot: GantryRobot
 
     def vendor(self) -> str | None:
         """Name of the vendor's active controller; None when the robot does not answer."""
@@ -107,7 +86,3 @@ class DirectLink:
         """End the vendor's controller."""
         if self.connected:
             self.robot.vendor = ""
-
-    def close(self) -> None:
-        """Disconnect."""
-        self.connected = False

@@ -1,0 +1,147 @@
+"""Joint commands to the messages of ros2_control's command controllers.
+
+- ``effort``: effort_controllers/JointGroupEffortController, or forward_command_controller/ForwardCommandController of
+  interface ``effort``. The law of the drives is evaluated here, at the newest state.
+- ``pvt``: gpio_controllers/GpioCommandController, which sets any command interfaces of a message at once, with the
+  interfaces ``PVT`` of each joint. The drives evaluate their law.
+- ``feedback``: linear_feedback_controller, tau = feedforward + K (x_d - x); K is diagonal here.
+
+Joints are in the order of the robot's profile, which is that of Pinocchio. A command is marked with its sender.
+"""
+
+from typing import Any, Protocol
+
+import numpy as np
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from controllers.joints.joint_servo import drive_torque
+from models.nodes.cdr import Template
+from models.nodes.interfaces import interface
+from models.nodes.messages import decode
+from models.robot_model import RobotModel
+from models.types import JointCommand, Vector
+
+DRIVER, GUARD = "poise", "poise_guard"  #: Marks of the senders
+#: Command interfaces of a joint with drive-side PD, named as in ``hardware_interface`` of ros2_control
+PVT = ("position", "velocity", "effort", "proportional", "derivative")
+
+
+class CommandCodec(Protocol):
+    """Messages of one command controller.
+
+    ``evaluated`` is whether a command is computed from the state: without a new state it must not be repeated.
+    """
+
+    kind: Any
+    evaluated: bool
+
+    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
+        """Serialised message of a command for the state q [rad], v [rad/s] (nj,), measured at a stamp [ns]."""
+
+    def mark(self, data: bytes) -> str:
+        """Mark of the sender of a serialised message; ``MessageError`` when it cannot be decoded."""
+
+
+class EffortCodec(CommandCodec):
+    """std_msgs/Float64MultiArray: torques (nj,) [N.m] within the limits of the profile. The mark is a label."""
+
+    kind = Float64MultiArray
+    evaluated = True
+
+    def __init__(self, model: RobotModel, mark: str) -> None:
+        self._model = model
+        message = Float64MultiArray(data=[0.0] * model.nj)
+        message.layout.dim = [MultiArrayDimension(label=mark, size=model.nj, stride=model.nj)]
+        self._begin = bytes(serialize_message(message))[: -8 * model.nj]  # before the numbers
+
+    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
+        limit = self._model.tau_max
+        torque = np.clip(drive_torque(self._model, command, q, v), -limit, limit)
+        return self._begin + torque.astype("<f8").tobytes()
+
+    def mark(self, data: bytes) -> str:
+        dim = decode(data, self.kind).layout.dim
+        return str(dim[0].label) if dim else ""
+
+
+class PvtCodec(CommandCodec):
+    """control_msgs/DynamicInterfaceGroupValues: the interfaces ``PVT`` of each joint. The mark is the frame id."""
+
+    evaluated = False
+
+    def __init__(self, model: RobotModel, mark: str) -> None:
+        self.kind = interface("control_msgs", "msg", "DynamicInterfaceGroupValues")
+        value = interface("control_msgs", "msg", "InterfaceValue")
+        message = self.kind(interface_groups=list(model.joint_names))
+        message.header.frame_id = mark
+        message.interface_values = [
+            value(interface_names=list(PVT), values=[0.0] * len(PVT)) for _ in model.joint_names
+        ]
+        self._template = Template(message, [f"interface_values.{i}.values" for i in range(model.nj)])
+        self._rows = np.zeros((model.nj, len(PVT)))
+        self._gains = model.kp, model.kd
+
+    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
+        kp, kd = _gains(command, self._gains)
+        for column, values in enumerate((command.q, command.v, command.tau, kp, kd)):
+            self._rows[:, column] = values
+        return self._template.pack(stamp, list(self._rows))
+
+    def mark(self, data: bytes) -> str:
+        return _frame(data, self.kind)
+
+
+class FeedbackCodec(CommandCodec):
+    """linear_feedback_controller_msgs/Control: K = [0 kp 0 kd] (nj, 2 nv), feed-forward, and the desired state.
+
+    With ``free_flyer`` nv includes the base, whose columns are zero and whose desired pose is the origin; otherwise nv
+    is nj. The mark is the frame id.
+    """
+
+    evaluated = False
+
+    def __init__(self, model: RobotModel, mark: str, *, free_flyer: bool) -> None:
+        self.kind = interface("linear_feedback_controller_msgs", "msg", "Control")
+        nj, nv = model.nj, model.nj + (6 if free_flyer else 0)
+        message, joints = self.kind(), list(model.joint_names)
+        message.header.frame_id = mark
+        for field, columns in ((message.feedback_gain, 2 * nv), (message.feedforward, 1)):
+            field.data = [0.0] * (nj * columns)
+            field.layout.dim = [
+                MultiArrayDimension(label="rows", size=nj, stride=nj * columns),
+                MultiArrayDimension(label="cols", size=columns, stride=columns),
+            ]
+        state = message.initial_state
+        state.base_pose.orientation.w = 1.0
+        state.joint_state.name = joints
+        state.joint_state.position, state.joint_state.velocity = [0.0] * nj, [0.0] * nj
+        state.joint_state.effort = [0.0] * nj
+        fields = ("feedback_gain.data", "feedforward.data", "initial_state.joint_state.position")
+        self._template = Template(message, (*fields, "initial_state.joint_state.velocity"))
+        self._gains = model.kp, model.kd
+        self._matrix = np.zeros((nj, 2 * nv))
+        rows = np.arange(nj)
+        self._stiffness, self._damping = (rows, rows + nv - nj), (rows, rows + 2 * nv - nj)
+
+    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
+        self._matrix[self._stiffness], self._matrix[self._damping] = _gains(command, self._gains)
+        return self._template.pack(stamp, [self._matrix.ravel(), command.tau, command.q, command.v])
+
+    def mark(self, data: bytes) -> str:
+        return _frame(data, self.kind)
+
+
+def command_codec(model: RobotModel, command: str, mark: str, *, free_flyer: bool = False) -> CommandCodec:
+    """Codec of a kind of command; ``MessageError`` when its messages are not built."""
+    if command == "effort":
+        return EffortCodec(model, mark)
+    return PvtCodec(model, mark) if command == "pvt" else FeedbackCodec(model, mark, free_flyer=free_flyer)
+
+
+def _gains(command: JointCommand, default: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
+    return default[0] if command.kp is None else command.kp, default[1] if command.kd is None else command.kd
+
+
+def _frame(data: bytes, kind: Any) -> str:
+    return str(decode(data, kind).header.frame_id)
