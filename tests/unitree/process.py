@@ -12,6 +12,7 @@ import os
 import select
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -132,11 +133,11 @@ class RosSide:
 class Program:
     """Paces the robot and answers the lines of the standard input."""
 
-    def __init__(self, side: str, interface: str, domain: int, rate: float = 500.0, speed: float = 1.0) -> None:
+    def __init__(self, robot: Any, make_side: Callable[[Any], Any], speed: float = 1.0) -> None:
         self._answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
         os.dup2(2, 1)  # what the SDK prints is no answer
-        self.robot = GantryRobot(rate=rate, released=side == "sdk")
-        self.side: Any = {"sdk": SdkSide, "ros": RosSide}[side](self.robot, interface, domain)
+        self.robot = robot
+        self.side = make_side(robot)
         self.speed = speed
         self.late = 0.0  # of the physics behind the clock [s]
         self.skipped = 0
@@ -186,7 +187,7 @@ class Program:
             "load": self.robot.plant.load,
             "received": self.robot.received,
             "refused": self.robot.refused,
-            "vendor": self.robot.vendor,
+            "vendor": getattr(self.robot, "vendor", ""),
             "late": self.late,
             "stalls": self.skipped,
             "answer_ms": [round(1e3 * float(np.nanpercentile(answers, q)), 2) for q in (50, 99, 100)],
@@ -236,4 +237,8 @@ class Program:
 
 if __name__ == "__main__":
     kind, where, in_domain, *numbers = sys.argv[1:]
-    Program(kind, where, int(in_domain), *(float(each) for each in numbers)).run()
+    rate, speed = (*map(float, numbers), *(500.0, 1.0)[len(numbers) :])
+    side = {"sdk": SdkSide, "ros": RosSide}[kind]
+    Program(
+        GantryRobot(rate=rate, released=kind == "sdk"), lambda robot: side(robot, where, int(in_domain)), speed
+    ).run()

@@ -12,19 +12,21 @@ Joints are in the order of the robot's profile, which is that of Pinocchio. A co
 from typing import Any, Protocol
 
 import numpy as np
+from msgspec.structs import replace
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from controllers.joints.joint_servo import drive_torque
-from models.nodes.cdr import Template
+from models.nodes.cdr import STAMP_OFFSET, STAMP_SIZE, Template
 from models.nodes.interfaces import interface
-from models.nodes.messages import decode
 from models.robot_model import RobotModel
 from models.types import JointCommand, Vector
 
 DRIVER, GUARD = "poise", "poise_guard"  #: Marks of the senders
 #: Command interfaces of a joint with drive-side PD, named as in ``hardware_interface`` of ros2_control
 PVT = ("position", "velocity", "effort", "proportional", "derivative")
+_FRAME_ID = STAMP_OFFSET + STAMP_SIZE  #: Offset of ``header.frame_id`` [bytes]
+_DIMENSIONS, _LABEL = 4, 8  #: Offsets of the number of dimensions of a layout, and of the first one's label [bytes]
 
 
 class CommandCodec(Protocol):
@@ -40,11 +42,15 @@ class CommandCodec(Protocol):
         """Serialised message of a command for the state q [rad], v [rad/s] (nj,), measured at a stamp [ns]."""
 
     def mark(self, data: bytes) -> str:
-        """Mark of the sender of a serialised message; ``MessageError`` when it cannot be decoded."""
+        """Mark of the sender of a serialised message; empty without one."""
 
 
 class EffortCodec(CommandCodec):
-    """std_msgs/Float64MultiArray: torques (nj,) [N.m] within the limits of the profile. The mark is a label."""
+    """std_msgs/Float64MultiArray: torques (nj,) [N.m] within the limits of the profile. The mark is a label.
+
+    The loop of the gains includes the network: a damping beyond the profile's oscillates from 4 ms of delay on, so it
+    is reduced to that.
+    """
 
     kind = Float64MultiArray
     evaluated = True
@@ -57,12 +63,13 @@ class EffortCodec(CommandCodec):
 
     def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
         limit = self._model.tau_max
+        if command.kd is not None:
+            command = replace(command, kd=np.minimum(command.kd, self._model.kd))
         torque = np.clip(drive_torque(self._model, command, q, v), -limit, limit)
         return self._begin + torque.astype("<f8").tobytes()
 
     def mark(self, data: bytes) -> str:
-        dim = decode(data, self.kind).layout.dim
-        return str(dim[0].label) if dim else ""
+        return _text(data, _LABEL) if data[_DIMENSIONS:_LABEL] != bytes(4) else ""
 
 
 class PvtCodec(CommandCodec):
@@ -89,7 +96,7 @@ class PvtCodec(CommandCodec):
         return self._template.pack(stamp, list(self._rows))
 
     def mark(self, data: bytes) -> str:
-        return _frame(data, self.kind)
+        return _text(data, _FRAME_ID)
 
 
 class FeedbackCodec(CommandCodec):
@@ -129,7 +136,7 @@ class FeedbackCodec(CommandCodec):
         return self._template.pack(stamp, [self._matrix.ravel(), command.tau, command.q, command.v])
 
     def mark(self, data: bytes) -> str:
-        return _frame(data, self.kind)
+        return _text(data, _FRAME_ID)
 
 
 def command_codec(model: RobotModel, command: str, mark: str, *, free_flyer: bool = False) -> CommandCodec:
@@ -143,5 +150,7 @@ def _gains(command: JointCommand, default: tuple[Vector, Vector]) -> tuple[Vecto
     return default[0] if command.kp is None else command.kp, default[1] if command.kd is None else command.kd
 
 
-def _frame(data: bytes, kind: Any) -> str:
-    return str(decode(data, kind).header.frame_id)
+def _text(data: bytes, offset: int) -> str:
+    """String of a serialised message at the offset of its size; empty beyond the end."""
+    size = int.from_bytes(data[offset : offset + 4], "little")
+    return data[offset + 4 : offset + 4 + size].rstrip(b"\0").decode(errors="replace")

@@ -48,11 +48,11 @@ class RosLink(ControlLink):
     def __init__(self, domain: int, config: Ros2ControlConfig, sources: Sequence[str], command: Any) -> None:
         listing = interface("controller_manager_msgs", "srv", "ListControllers") if config.controller_manager else None
         state = interface("linear_feedback_controller_msgs", "msg", "Sensor") if config.command == "feedback" else None
-        topics = config.topic_of
+        topics, types = config.topic_of, {**_TYPES, COMMAND: command}
         self._context, self._node = join(domain, "poise_ros2_control")
         node = self._node
         self._readers = [
-            (source, node.create_subscription(_TYPES[source], topics[source], ignore, SENSOR, raw=True))
+            (source, node.create_subscription(types[source], topics[source], ignore, SENSOR, raw=True))
             for source in sources
         ]
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)

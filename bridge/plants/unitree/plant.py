@@ -28,7 +28,7 @@ class UnitreePlant(HardwarePlant):
 
     Args:
         model: The robot, with a section ``hardware`` in its profile.
-        network_interface: Of this computer, to the robot; only named in messages, see ``bridge/launch/unitree.py``.
+        network_interface: Of this computer, to the robot; only named in messages, see ``bridge/launch/hardware.py``.
         domain: DDS domain of the robot.
         rate: Rate of the robot's states and of the commands [Hz]: 500 or 1000.
         marker: File that marks an unfinished run; that of the interface when empty.
