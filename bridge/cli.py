@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from bridge.commands import record
-from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, signer_of
+from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, say, signer_of
 from bridge.commands.robot import calibrate, hang, mode, reach, reset, send, start, status, walk
 from models.numerics.threads import use_one_thread
 
@@ -299,6 +299,25 @@ def joints(robot: Robot = "g1") -> None:
         position = f"{model.q_lower[i]:.2f} to {model.q_upper[i]:.2f}"
         table.add_row(name, ", ".join(aliases), position, f"{model.v_max[i]:.1f}", f"{model.tau_max[i]:.0f}")
     console(soft_wrap=True).print(table)
+
+
+@app.command()
+def controllers(
+    robot: Robot = "g1",
+    plant_options: Annotated[str, typer.Option(help="Options of the plant: YAML in braces, or a file.")] = "",
+) -> None:
+    """Print the parameter file of the controller manager for a robot with --plant ros2_control."""
+    need_ros()
+    from bridge.launch.hardware import PROFILES
+    from bridge.plants.config import read_options
+    from bridge.plants.ros2_control.config import read_config
+    from bridge.plants.ros2_control.controllers_file import controllers_file
+    from models.robot_model import RobotModel
+
+    with report_errors():
+        model = RobotModel.load(PROFILES.get(robot, robot))
+        text = controllers_file(model, read_config(read_options(plant_options)))
+    say(text, nl=False)
 
 
 _of_robot = (send, mode, start, status, reset, calibrate, hang)

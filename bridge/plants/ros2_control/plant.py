@@ -64,7 +64,7 @@ class Ros2ControlPlant(HardwarePlant):
         self._model, self._where = model, f"{network_interface}, domain {domain}"
         self._period = 1.0 / config.rate
         self._clock = RobotClock(self._period, GAP_MAX, NANOSECOND, 1 << 63)
-        self.counter = SampleCounter(self._period)  #: Of the joint states
+        self.counter = SampleCounter(self._period)  #: Of the complete samples
         self._sources = sources(model)
         self._joints, self._imu = JointStateDecoder(model), ImuDecoder(model)
         self._feet = [WrenchDecoder(model, foot) for foot in range(len(FEET))]
@@ -221,12 +221,8 @@ class Ros2ControlPlant(HardwarePlant):
             elif source not in self._seen:
                 found.append(f"no message of {source} on '{topics[source]}' ({self._where})")
         if self._t:
-            found += self.counter.findings("joint states")
-            found += [
-                f"{source} is {1e3 * age:.1f} ms older than the joint states"
-                for source, age in self._ages().items()
-                if age > self.config.part_age_max
-            ]
+            found += self.warnings
+            found += self.counter.findings("complete samples")
         if self.config.controller_manager:
             if self._link.controllers() is None:
                 found.append(f"'{self.config.controller_manager}/list_controllers' does not answer ({self._where})")
@@ -268,8 +264,12 @@ class Ros2ControlPlant(HardwarePlant):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sources whose samples come late."""
-        return tuple(f"{source} comes late" for source in self._assembler.mixed)
+        """Sources of the newest sample without a message of its stamp."""
+        rate = self.config.rate
+        return tuple(
+            f"{source}: no message with the stamp of the joint states; its broadcaster must run at {rate:g} Hz"
+            for source in self._assembler.mixed
+        )
 
     @property
     def holds(self) -> tuple[str, ...]:
