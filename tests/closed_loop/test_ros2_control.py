@@ -180,7 +180,7 @@ def test_each_missing_part_is_named_and_then_none(side: ControlledRobot, tmp_pat
 def test_an_imu_that_is_slower_than_the_joints_is_named(side: ControlledRobot, tmp_path: Path) -> None:
     plant, states = plant_of(side, tmp_path), side.states
     side.states = lambda: [each for each in states() if each[0] != IMU or side.tick % 4 == 0]  # type: ignore[method-assign]
-    run(plant, side, 1.2)
+    run(plant, side, 1.202)
     assert np.isfinite(plant.read().gyro).all() and not plant.stop
     assert any("imu: no message with the stamp of the joint states" in each for each in plant.findings)
 
