@@ -1,7 +1,16 @@
-"""What the plants of real robots share: the robot's clock, counts of its samples, and the mark of an unfinished run."""
+"""What the plants of real robots share: the robot's clock, counts of its samples, mark of an unfinished run, end."""
 
+import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from bridge.plants.base import HardwarePlant
+from models.files import state_folder
+from models.robot_model import RobotModel
+from models.types import JointCommand, SensorData
 
 MILLISECONDS = 0.001  #: Tick of a counter of milliseconds [s]
 GAP_MAX = 2.0  #: Largest step of the robot's clock that is no restart [s]
@@ -98,3 +107,77 @@ class RunMarker:
         """Mark the end, after the last command."""
         with suppress(OSError):
             self._file.unlink(missing_ok=True)
+
+
+class Closable(Protocol):
+    """A connection to a robot."""
+
+    def close(self) -> None:
+        """Leave the robot's domain."""
+
+
+class RealPlant(HardwarePlant):
+    """Period, mark and end of the plant of a real robot.
+
+    ``close`` damps the joints, also when the robot was not commanded by this driver after a crash. ``name`` is that of
+    the plant, ``where`` that of the robot's interface and domain; they name the file of the mark where ``marker`` is
+    empty. ``period`` is the time between two samples [s].
+    """
+
+    def __init__(self, model: RobotModel, name: str, where: str, marker: str, period: float) -> None:
+        self._period = period
+        self.counter = SampleCounter(period)  #: Of the samples
+        nothing, three = np.full(model.nj, np.nan), np.full(3, np.nan)
+        self._sensors = SensorData(0.0, nothing, nothing, nothing, three, three, np.full((2, 6), np.nan))
+        zero = np.zeros(model.nj)
+        self._damping = JointCommand(zero, zero, zero, zero, model.kd)
+        self._marker = RunMarker(Path(marker) if marker else state_folder(name) / where)
+        self._stop = ""
+        self._closed = False
+        self._link: Closable
+
+    @property
+    def period(self) -> float:
+        return self._period
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the mark of an unfinished run was there at the start."""
+        return self._marker.crashed
+
+    @property
+    def stop(self) -> str:
+        """Reason to damp, of the newest ``read``."""
+        return self._stop
+
+    @property
+    def _sampled(self) -> bool:
+        """Whether a sample has come."""
+        return self._sensors.t > 0.0
+
+    def write(self, command: JointCommand) -> None:
+        """Send a command; nothing is sent before the first sample."""
+        if self._sampled and not self._closed:
+            self._marker.make()
+            self._send(command)
+
+    def close(self) -> None:
+        """Damp the joints and leave the domain."""
+        if self._closed:
+            return
+        if self._sampled and (self._marker.made or self.crashed):
+            for _ in range(CLOSE_COMMANDS):
+                self.read()
+                self._send(self._damping)
+                time.sleep(CLOSE_PERIOD)
+            self._finish()
+        self._closed = True
+        self._link.close()
+        if self._sampled or self._marker.made:
+            self._marker.remove()
+
+    def _send(self, command: JointCommand) -> None:
+        raise NotImplementedError
+
+    def _finish(self) -> None:
+        """Send what follows the damping at the end, if anything."""

@@ -1,24 +1,20 @@
 """A robot behind ros2_control: the robot as the driver program sees it."""
 
-import time
 from collections import Counter
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
 
-from bridge.plants.base import HardwarePlant
-from bridge.plants.hardware import CLOSE_COMMANDS, CLOSE_PERIOD, GAP_MAX, RobotClock, RunMarker, SampleCounter
+from bridge.plants.hardware import GAP_MAX, RealPlant, RobotClock
 from bridge.plants.ros2_control.commands import DRIVER, command_codec
 from bridge.plants.ros2_control.config import FEET, IMU, JOINTS, read_config, sources
 from bridge.plants.ros2_control.link import ControlLink, Message, RosLink
 from bridge.plants.ros2_control.sensors import ImuDecoder, JointStateDecoder, WrenchDecoder
 from controllers.estimation.assembler import SampleAssembler
 from models.constants import NANOSECONDS
-from models.errors import PoiseError
-from models.files import state_folder
+from models.errors import MessageError, PoiseError
 from models.nodes.cdr import stamp_of
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
@@ -31,7 +27,7 @@ ACTIVE = "active"  #: State of a controller that runs
 _CLOSED = "the connection was closed with the driver's deactivation: clean it up and configure it again"
 
 
-class Ros2ControlPlant(HardwarePlant):
+class Ros2ControlPlant(RealPlant):
     """Broadcasters in, commands of one controller out, on the clock of the stamps of the joint states.
 
     A sample begins with a joint state; IMU and feet belong to it by their stamps. ``close`` damps the joints and leaves
@@ -62,34 +58,21 @@ class Ros2ControlPlant(HardwarePlant):
     ) -> None:
         self.config = config = read_config(options)
         self._model, self._where = model, f"{network_interface}, domain {domain}"
-        self._period = 1.0 / config.rate
+        super().__init__(model, "ros2_control", f"{network_interface}-{domain}", marker, 1.0 / config.rate)
         self._clock = RobotClock(self._period, GAP_MAX, NANOSECOND, 1 << 63)
-        self.counter = SampleCounter(self._period)  #: Of the complete samples
         self._sources = sources(model)
         self._joints, self._imu = JointStateDecoder(model), ImuDecoder(model)
         self._feet = [WrenchDecoder(model, foot) for foot in range(len(FEET))]
         age, gap = (round(limit * NANOSECONDS) for limit in (config.part_age_max, GAP_MAX))
         self._assembler = SampleAssembler(age, gap, feet=FEET[0] in self._sources)
         self._codec = command_codec(model, config.command, DRIVER, free_flyer=config.free_flyer)
-        nothing, three = np.full(model.nj, np.nan), np.full(3, np.nan)
-        self._sensors = SensorData(0.0, nothing, nothing, nothing, three, three, np.full((2, 6), np.nan))
-        zero = np.zeros(model.nj)
-        self._damping = JointCommand(zero, zero, zero, zero, model.kd)
         self._samples: list[SensorData] = []  # complete, and not read yet
         self._t = 0.0  # time of the newest joint state [s]
         self._seen: dict[str, int] = {}  # stamp of the newest message by source [ns]
         self._restarts_seen = 0
-        self._stop = ""
         self.refused = Counter[str]()  #: Messages that could not be used, by source
         self._why: dict[str, str] = {}  # of the last refused message, by source
-        file = Path(marker) if marker else state_folder("ros2_control") / f"{network_interface}-{domain}"
-        self._marker = RunMarker(file)
-        self._closed = False
         self._link: ControlLink = RosLink(domain, config, self._sources, self._codec.kind) if link is None else link
-
-    @property
-    def period(self) -> float:
-        return self._period
 
     def read(self) -> SensorData:
         self._stop = ""
@@ -112,20 +95,13 @@ class Ros2ControlPlant(HardwarePlant):
         return bool(self._samples)
 
     def _gather(self) -> None:
-        """Take over the messages that have come, in the order of their stamps, joints after the others."""
-        messages = [each for each in self._link.take() if self._attempt(each[0], lambda each=each: stamp_of(each[1]))]
-        for source, data in sorted(messages, key=lambda each: (stamp_of(each[1]), each[0] == JOINTS)):
-            self._attempt(source, lambda each=(source, data): self._add(each))
-
-    def _attempt(self, source: str, act: Any) -> bool:
-        """Whether an action on a message succeeds; a refusal is counted."""
-        try:
-            act()
-        except PoiseError as error:
-            self.refused[source] += 1
-            self._why[source] = str(error)
-            return False
-        return True
+        """Take over the messages that have come; one that cannot be used is counted."""
+        for message in sorted(self._link.take(), key=_order):
+            try:
+                self._add(message)
+            except PoiseError as error:
+                self.refused[message[0]] += 1
+                self._why[message[0]] = str(error)
 
     def _add(self, message: Message) -> None:
         source, data = message
@@ -172,42 +148,21 @@ class Ros2ControlPlant(HardwarePlant):
         return [_advice(name, states.get(name)) for name in names if states.get(name) != ACTIVE]
 
     def write(self, command: JointCommand) -> None:
-        """Send a command; before the first sample nothing is sent.
+        """As ``RealPlant``; torques of an old state have no gains.
 
         Without a state for ``STATE_AGE_MAX``, a controller of torques gets the feed-forward torque alone: the gains
         would act on an old velocity.
         """
-        if self._closed or not self._t:
-            return
-        self._marker.make()
         if self._codec.evaluated and self.counter.silence > STATE_AGE_MAX:
             command = JointCommand.torque(command.tau)
-        self._send(command)
+        super().write(command)
 
     def _send(self, command: JointCommand) -> None:
-        stamp = self._seen.get(JOINTS, 0)
-        self._link.send(self._codec.encode(stamp, command, self._sensors.q, self._sensors.v))
+        self._link.send(self._codec.encode(self._seen.get(JOINTS, 0), command, self._sensors.q, self._sensors.v))
 
-    def close(self) -> None:
-        """Damp the joints, also when the robot was not commanded by this driver after a crash; leave the domain."""
-        if self._closed:
-            return
-        if self._t and (self._marker.made or self.crashed):
-            for _ in range(CLOSE_COMMANDS):
-                self.read()
-                self._send(self._damping)
-                time.sleep(CLOSE_PERIOD)
-            if self._codec.evaluated:
-                self._send(JointCommand.torque(np.zeros(self._model.nj)))
-        self._closed = True
-        self._link.close()
-        if self._t or self._marker.made:
-            self._marker.remove()
-
-    @property
-    def crashed(self) -> bool:
-        """Whether the marker of an unfinished run was there at the start."""
-        return self._marker.crashed
+    def _finish(self) -> None:
+        if self._codec.evaluated:
+            self._send(JointCommand.torque(np.zeros(self._model.nj)))
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -258,11 +213,6 @@ class Ros2ControlPlant(HardwarePlant):
         """No effect: the operator activates the command controller."""
 
     @property
-    def stop(self) -> str:
-        """Reason to damp, of the newest ``read``."""
-        return self._stop
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """Sources of the newest sample without a message of its stamp."""
         rate = self.config.rate
@@ -288,6 +238,15 @@ class Ros2ControlPlant(HardwarePlant):
             "restarts of the robot": str(self._clock.restarts),
             "inactive controllers": "; ".join(self._inactive()) or "none",
         }
+
+
+def _order(message: Message) -> tuple[int, bool]:
+    """By stamps, joints after the others."""
+    source, data = message
+    try:
+        return stamp_of(data), source == JOINTS
+    except MessageError:
+        return 0, False
 
 
 def _advice(name: str, state: str | None) -> str:

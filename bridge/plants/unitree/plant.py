@@ -1,25 +1,21 @@
 """A Unitree humanoid by its low-level protocol: the robot as the driver program sees it."""
 
-import time
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
-from bridge.plants.base import HardwarePlant
-from bridge.plants.hardware import CLOSE_COMMANDS, CLOSE_PERIOD, GAP_MAX, RobotClock, RunMarker, SampleCounter
+from bridge.plants.hardware import GAP_MAX, RealPlant, RobotClock
 from bridge.plants.unitree.codec import BUTTONS, LowSample, UnitreeCodec
 from bridge.plants.unitree.link import DdsLink, RobotLink
 from bridge.plants.unitree.monitors import HardwareMonitor
 from models.errors import ConfigError, MessageError
-from models.files import state_folder
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
 RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
 
 
-class UnitreePlant(HardwarePlant):
+class UnitreePlant(RealPlant):
     """LowState in, LowCmd with the drives' own PD law out, on the clock of the robot's tick.
 
     The samples between two ticks are all read: a press of a button in any of them is seen. Those with a wrong checksum
@@ -61,32 +57,18 @@ class UnitreePlant(HardwarePlant):
                 f"robot '{model.name}': hardware.stop_buttons: unknown {', '.join(sorted(unknown))}; known: "
                 f"{', '.join(BUTTONS)}"
             )
-        self._period = 1.0 / rate
+        super().__init__(model, "unitree", f"{network_interface}-{domain}", marker, 1.0 / rate)
         self._clock = RobotClock(self._period, GAP_MAX)
         self._codec = UnitreeCodec(model, self._clock)
         self._hardware, self._where = hardware, f"{network_interface}, domain {domain}"
         self.monitor = HardwareMonitor(model, hardware, self._period)
-        nothing = np.full(model.nj, np.nan)
-        three = np.full(3, np.nan)
-        self._sensors = SensorData(0.0, nothing, nothing, nothing, three, three, np.full((2, 6), np.nan))
         self._sample: LowSample | None = None
-        self.counter = SampleCounter(self._period)  #: Of the states
         self._restarts = self._restarts_seen = 0
-        self._stop = ""
         self._fault: str | None = None  # of the motion switcher
         self.refused = 0  #: States with a wrong checksum or size
         self._why = ""
-        zero = np.zeros(model.nj)
-        self._damping = JointCommand(zero, zero, zero, zero, model.kd)
-        file = Path(marker) if marker else state_folder("unitree") / f"{network_interface}-{domain}"
-        self._marker = RunMarker(file)
         self._link: RobotLink = DdsLink(domain) if link is None else link
-        self._closed = False
         self._waiting: list[bytes] = []  # taken from the link, and not read yet
-
-    @property
-    def period(self) -> float:
-        return self._period
 
     def read(self) -> SensorData:
         self._stop = ""
@@ -131,30 +113,10 @@ class UnitreePlant(HardwarePlant):
         self._sample = sample
         self._sensors = sample.sensors
 
-    def write(self, command: JointCommand) -> None:
-        """Send a command; before the first state nothing is sent: the type of the robot must be echoed."""
-        if self._sample is None or self._closed:
-            return
-        self._marker.make()
-        self._link.send(self._codec.encode(command, self._sample.mode_machine, self._sample.tick))
-
-    def close(self) -> None:
-        """Damp the joints, also when the robot was not commanded by this driver after a crash; leave the domain."""
-        if self._closed:
-            return
-        self._closed = True
-        if self._sample is not None and (self._marker.made or self.crashed):
-            for _ in range(CLOSE_COMMANDS):
-                self._link.send(self._codec.encode(self._damping, self._sample.mode_machine))
-                time.sleep(CLOSE_PERIOD)
-        self._link.close()
-        if self._sample is not None or self._marker.made:
-            self._marker.remove()
-
-    @property
-    def crashed(self) -> bool:
-        """Whether the marker of an unfinished run was there at the start."""
-        return self._marker.crashed
+    def _send(self, command: JointCommand) -> None:
+        """Send a command; the type of the robot is echoed."""
+        if self._sample is not None:
+            self._link.send(self._codec.encode(command, self._sample.mode_machine, self._sample.tick))
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -194,11 +156,6 @@ class UnitreePlant(HardwarePlant):
 
     def release_vendor(self) -> None:
         self._link.release()
-
-    @property
-    def stop(self) -> str:
-        """Reason to damp, of the newest ``read``."""
-        return self._stop
 
     @property
     def warnings(self) -> tuple[str, ...]:
