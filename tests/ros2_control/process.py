@@ -16,7 +16,7 @@ from bridge.plants.config import read_options
 from bridge.plants.participant import ignore, join, take_all
 from bridge.plants.ros2_control.commands import command_codec
 from bridge.plants.ros2_control.config import COMMAND, STATE
-from bridge.plants.ros2_control.link import _TYPES
+from bridge.plants.ros2_control.link import TYPES
 from bridge.plants.ros2_control.simulated import ControlledRobot
 from models.nodes.interfaces import interface
 from tests.unitree.process import Program
@@ -34,7 +34,7 @@ class ControlSide:
         _, node = join(domain, "controller_manager")
         depth = QoSProfile(depth=1)
         self._publishers = {
-            source: node.create_publisher(_TYPES[source], topics[source], depth) for source in robot.sources
+            source: node.create_publisher(TYPES[source], topics[source], depth) for source in robot.sources
         }
         self._commands = node.create_subscription(kind, topics[COMMAND], ignore, depth, raw=True)
         self._service = node.create_service(self._listing, f"{config.controller_manager}/list_controllers", ignore)

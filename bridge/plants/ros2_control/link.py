@@ -13,9 +13,11 @@ from bridge.plants.participant import SENSOR, ignore, join, take, take_all
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, STATE, Ros2ControlConfig
 from models.nodes.interfaces import interface
 
+LOOK = 0.02  #: Time between two checks for an answer [s]
 ASK = 0.5  #: Time between two requests for the states of the controllers [s]
 FORGET = 2.0  #: Age of an answer after which the states are unknown [s]
-_TYPES = {JOINTS: JointState, IMU: Imu, **dict.fromkeys(FEET, WrenchStamped)}
+#: Type of the messages of each source
+TYPES = {JOINTS: JointState, IMU: Imu, **dict.fromkeys(FEET, WrenchStamped)}
 
 Message = tuple[str, bytes]  #: Source and serialised message
 
@@ -48,7 +50,7 @@ class RosLink(ControlLink):
     def __init__(self, domain: int, config: Ros2ControlConfig, sources: Sequence[str], command: Any) -> None:
         listing = interface("controller_manager_msgs", "srv", "ListControllers") if config.controller_manager else None
         state = interface("linear_feedback_controller_msgs", "msg", "Sensor") if config.command == "feedback" else None
-        topics, types = config.topic_of, {**_TYPES, COMMAND: command}
+        topics, types = config.topic_of, {**TYPES, COMMAND: command}
         self._context, self._node = join(domain, "poise_ros2_control")
         node = self._node
         self._readers = [
@@ -63,7 +65,7 @@ class RosLink(ControlLink):
         if listing is not None:
             self._listing = listing
             self._client = node.create_client(listing, f"{config.controller_manager}/list_controllers")
-        self._asked = self._answered = -FORGET
+        self._asked = self._looked = self._answered = -FORGET
         self._controllers: dict[str, str] = {}
         self._order: list[str] | None = None
 
@@ -77,16 +79,23 @@ class RosLink(ControlLink):
         if self._client is None:
             return None
         now = time.monotonic()
-        if now - self._asked >= ASK and self._client.service_is_ready():
-            self._asked = now
-            with self._client.handle:
-                self._client.handle.send_request(self._listing.Request())
-        with self._client.handle:
-            _, answer = self._client.handle.take_response(self._listing.Response)
+        if now - self._looked >= LOOK:
+            self._looked = now
+            self._exchange(now)
+        return self._controllers if now - self._answered <= FORGET else None
+
+    def _exchange(self, now: float) -> None:
+        """Take an answer of the controller manager, and ask again when it is time."""
+        client: Any = self._client
+        with client.handle:
+            _, answer = client.handle.take_response(self._listing.Response)
         if answer is not None:
             self._answered = now
             self._controllers = {each.name: each.state for each in answer.controller}
-        return self._controllers if now - self._answered <= FORGET else None
+        if now - self._asked >= ASK and client.service_is_ready():
+            self._asked = now
+            with client.handle:
+                client.handle.send_request(self._listing.Request())
 
     def joint_order(self) -> Sequence[str] | None:
         if self._state is not None and (message := take(self._state)) is not None:
