@@ -158,7 +158,7 @@ class Startup:
         """The operator confirms that the robot hangs; the vendor's controller is released."""
         self._require("confirm_gantry", StartState.GANTRY)
         self._enter(StartState.RELEASE)
-        return "the vendor's controller is released; the robot goes limp, then is damped"
+        return "a vendor's controller is released, after which the robot is limp; then it is damped"
 
     def lower(self) -> str:
         """The operator lowers the robot."""
@@ -180,7 +180,7 @@ class Startup:
         """Damp the robot at once. Before the release the vendor's controller is in command, and this is refused."""
         if self.state in BEFORE_RELEASE:
             raise CommandError(
-                "damp refused: the vendor's controller is in command; damp with the vendor's remote controller"
+                "damp refused: nothing is commanded yet; use the vendor's remote controller, or the robot's stop"
             )
         if self.state is not StartState.DAMPED:
             self.reason = reason
