@@ -69,7 +69,7 @@ def _connect(model: RobotModel, domain: int, options: str | None = None) -> tupl
     if options is None:
         return DampingGuard(model.kd), CommandLink(domain)
     config = read_config({**read_options(options), "controller_manager": ""})
-    codec = command_codec(model, config.command, GUARD, free_flyer=config.free_flyer)
+    codec = command_codec(model, config, GUARD)
     return ControlGuard(model, codec), RosLink(domain, config, (JOINTS, COMMAND), codec.kind)
 
 

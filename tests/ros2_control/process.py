@@ -28,7 +28,7 @@ class ControlSide:
     def __init__(self, robot: ControlledRobot, domain: int) -> None:
         self._robot = robot
         config, topics = robot.config, robot.config.topic_of
-        kind = command_codec(robot.model, config.command, "", free_flyer=config.free_flyer).kind
+        kind = command_codec(robot.model, config, "").kind
         self._listing = interface("controller_manager_msgs", "srv", "ListControllers")
         self._state = interface("controller_manager_msgs", "msg", "ControllerState")
         _, node = join(domain, "controller_manager")

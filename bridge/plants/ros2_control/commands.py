@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
+from bridge.plants.ros2_control.config import Ros2ControlConfig
 from controllers.joints.joint_servo import drive_torque
 from models.nodes.cdr import STAMP_OFFSET, STAMP_SIZE, Template
 from models.nodes.interfaces import interface
@@ -48,23 +49,26 @@ class CommandCodec(Protocol):
 class EffortCodec(CommandCodec):
     """std_msgs/Float64MultiArray: torques (nj,) [N.m] within the limits of the profile. The mark is a label.
 
-    The loop of the gains includes the network: a damping beyond the profile's oscillates from 4 ms of delay on, so it
-    is reduced to that.
+    The loop of the gains includes the network. With a delay T from a state to its torque, a damping kd is stable on a
+    rotor inertia I for kd T < pi/2 I, and a stiffness kp takes kp T of it away. So gains are at most kd = I / T, and
+    kp = kd / (2 T), for T = ``delay`` [s]; the links add to the inertia.
     """
 
     kind = Float64MultiArray
     evaluated = True
 
-    def __init__(self, model: RobotModel, mark: str) -> None:
+    def __init__(self, model: RobotModel, mark: str, delay: float) -> None:
         self._model = model
+        self._kd_max, self._delay = model.armature / delay, delay
         message = Float64MultiArray(data=[0.0] * model.nj)
         message.layout.dim = [MultiArrayDimension(label=mark, size=model.nj, stride=model.nj)]
         self._begin = bytes(serialize_message(message))[: -8 * model.nj]  # before the numbers
 
     def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
         limit = self._model.tau_max
-        if command.kd is not None:
-            command = replace(command, kd=np.minimum(command.kd, self._model.kd))
+        kp, kd = _gains(command, (self._model.kp, self._model.kd))
+        kd = np.minimum(kd, self._kd_max)
+        command = replace(command, kp=np.minimum(kp, kd / (2.0 * self._delay)), kd=kd)
         torque = np.clip(drive_torque(self._model, command, q, v), -limit, limit)
         return self._begin + torque.astype("<f8").tobytes()
 
@@ -139,11 +143,13 @@ class FeedbackCodec(CommandCodec):
         return _text(data, _FRAME_ID)
 
 
-def command_codec(model: RobotModel, command: str, mark: str, *, free_flyer: bool = False) -> CommandCodec:
+def command_codec(model: RobotModel, config: Ros2ControlConfig, mark: str) -> CommandCodec:
     """Codec of a kind of command; ``MessageError`` when its messages are not built."""
-    if command == "effort":
-        return EffortCodec(model, mark)
-    return PvtCodec(model, mark) if command == "pvt" else FeedbackCodec(model, mark, free_flyer=free_flyer)
+    if config.command == "effort":
+        return EffortCodec(model, mark, config.delay)
+    if config.command == "pvt":
+        return PvtCodec(model, mark)
+    return FeedbackCodec(model, mark, free_flyer=config.free_flyer)
 
 
 def _gains(command: JointCommand, default: tuple[Vector, Vector]) -> tuple[Vector, Vector]:

@@ -48,6 +48,8 @@ class Ros2ControlConfig:
     controller_manager: str  #: Its name; empty: the states of the controllers are not checked
     controllers: ControllerNames
     topics: TopicNames
+    #: Only with command effort: from a state to its torque, for which the gains of the driver are stable [s]
+    delay: Annotated[float, Field(ge=0.001, le=0.02)]
     free_flyer: bool  #: Only with command feedback: whether the controller's state includes the base
 
     @property

@@ -65,7 +65,7 @@ class Ros2ControlPlant(RealPlant):
         self._feet = [WrenchDecoder(model, foot) for foot in range(len(FEET))]
         age, gap = (round(limit * NANOSECONDS) for limit in (config.part_age_max, GAP_MAX))
         self._assembler = SampleAssembler(age, gap, feet=FEET[0] in self._sources)
-        self._codec = command_codec(model, config.command, DRIVER, free_flyer=config.free_flyer)
+        self._codec = command_codec(model, config, DRIVER)
         self._samples: list[SensorData] = []  # complete, and not read yet
         self._t = 0.0  # time of the newest joint state [s]
         self._seen: dict[str, int] = {}  # stamp of the newest message by source [ns]

@@ -25,8 +25,9 @@ KINDS = [("effort", False), ("pvt", False), ("feedback", False), ("feedback", Tr
 
 
 def codec_of(model: RobotModel, command: str, mark: str = DRIVER, free_flyer: bool = False) -> CommandCodec:
+    config = read_config({"command": command, "free_flyer": free_flyer, "delay": 0.001})
     try:
-        return command_codec(model, command, mark, free_flyer=free_flyer)
+        return command_codec(model, config, mark)
     except MessageError as error:
         pytest.skip(str(error))
 
@@ -58,10 +59,19 @@ def test_torques_are_within_the_limits_and_finite(g1: RobotModel) -> None:
     assert not np.any(deserialize_message(data, codec.kind).data)
 
 
-def test_more_damping_than_the_profiles_is_reduced_where_its_loop_includes_the_network(g1: RobotModel) -> None:
-    codec, zero, one = codec_of(g1, "effort"), np.zeros(g1.nj), np.ones(g1.nj)
-    data = codec.encode(1, JointCommand(zero, zero, zero, zero, 5.0 * g1.kd), zero, one)
-    np.testing.assert_allclose(deserialize_message(data, codec.kind).data, -g1.kd)
+@pytest.mark.parametrize("delay", [0.002, 0.005])
+def test_the_gains_of_torques_are_stable_with_the_delay(robot: RobotModel, delay: float) -> None:
+    """Each rotor alone, under its own gains after the delay: it comes to rest, by explicit steps of 0.1 ms."""
+    codec = command_codec(robot, read_config({"delay": delay}), DRIVER)
+    zero, step = np.zeros(robot.nj), 1e-4
+    command = JointCommand(zero, zero, zero, 4.0 * robot.kp, 2.0 * robot.kd)
+    q, v = np.full(robot.nj, 0.01), zero
+    late = [zero] * round(delay / step)
+    for _ in range(20_000):
+        late.append(np.array(deserialize_message(codec.encode(1, command, q, v), codec.kind).data))
+        v = v + step * late.pop(0) / robot.armature
+        q = q + step * v
+    assert np.abs(q).max() < 1e-3 and np.abs(v).max() < 1e-2
 
 
 def test_marks(g1: RobotModel) -> None:
