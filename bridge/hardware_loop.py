@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -10,9 +10,13 @@ from bridge.driver.drivers import HardwareDrivers
 from bridge.driver.startup import StartState, Startup
 from bridge.loop.lockstep import PlantMonitor
 from bridge.loop.log import LoopLog
+from bridge.plants.base import HardwarePlant
 from bridge.plants.config import LoopConfig
+from bridge.plants.gantry import STEP, HangingRobot, StepLink
+from bridge.plants.ros2_control.plant import Ros2ControlPlant
+from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
 from bridge.plants.unitree.plant import UnitreePlant
-from bridge.plants.unitree.simulated import STEP, DirectLink, GantryRobot
+from bridge.plants.unitree.simulated import DirectLink, GantryRobot
 from controllers.estimation.assembler import mean_sample
 from controllers.stack import ControlStack, StackConfig
 from models.config import default_config
@@ -23,36 +27,30 @@ from models.types import Mode, SensorData
 LOWERING = 0.05  #: Speed at which the gantry lowers the robot [m/s]
 
 
-class HardwareLoop:
+Side = TypeVar("Side", bound=HangingRobot)
+Link = TypeVar("Link", bound=StepLink)
+RealPlant = TypeVar("RealPlant", bound=HardwarePlant)
+
+
+class PlantLoop(Generic[Side, Link, RealPlant]):
     """One tick is: state, estimate, command, drivers, robot; states and commands are the protocol's bytes.
 
     Deterministic: the same arguments and calls give the same run. ``start`` does what the person at the gantry does.
 
     Args:
-        marker: File that marks an unfinished run.
-        laws: Robot of the laws and drivers.
-        rate: Rate of states and commands [Hz].
-        seed: Of the sensor noise, and of random deviations.
-        delay: From a state to its command in force [ms].
+        robot: The robot of the laws.
+        side: The simulated robot.
+        link: From ``plant`` to ``side``.
+        plant: The plant of the drivers.
         record_period: Time between two rows of ``log`` [s]; no log when None.
-        options: Of ``GantryRobot``.
     """
 
     def __init__(
-        self,
-        marker: Path,
-        *,
-        laws: str = "g1_hardware",
-        rate: float = 500.0,
-        seed: int = 0,
-        delay: int = 2,
-        record_period: float | None = None,
-        **options: Any,
+        self, robot: RobotModel, side: Side, link: Link, plant: RealPlant, record_period: float | None = None
     ) -> None:
-        self.side = GantryRobot(rate=rate, seed=seed, **options)  #: The simulated robot; no law may read it
-        self.link = DirectLink(self.side, delay)
-        self.robot = RobotModel.load(laws)  #: The robot of the laws
-        self.plant = UnitreePlant(self.robot, rate=rate, marker=str(marker), link=self.link)
+        self.robot = robot  #: The robot of the laws
+        self.side = side  #: The simulated robot; no law may read it
+        self.link, self.plant = link, plant
         self.drivers = HardwareDrivers(self.plant, self.robot)
         self.stack = ControlStack(self.robot, StackConfig(), period=self.plant.period)
         self.history: list[str] = []  #: States of the start, in order
@@ -180,3 +178,61 @@ class HardwareLoop:
 
     def _note(self, text: str) -> None:
         self.events.append((self._t, text))
+
+
+class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant]):
+    """A robot behind Unitree's protocol.
+
+    Args:
+        marker: File that marks an unfinished run.
+        laws: Robot of the laws and drivers.
+        rate: Rate of states and commands [Hz].
+        seed: Of the sensor noise, and of random deviations.
+        delay: From a state to its command in force [ms].
+        record_period: Time between two rows of ``log`` [s]; no log when None.
+        options: Of ``GantryRobot``.
+    """
+
+    def __init__(
+        self,
+        marker: Path,
+        *,
+        laws: str = "g1_hardware",
+        rate: float = 500.0,
+        seed: int = 0,
+        delay: int = 2,
+        record_period: float | None = None,
+        **options: Any,
+    ) -> None:
+        side = GantryRobot(rate=rate, seed=seed, **options)
+        link, robot = DirectLink(side, delay), RobotModel.load(laws)
+        super().__init__(
+            robot, side, link, UnitreePlant(robot, rate=rate, marker=str(marker), link=link), record_period
+        )
+
+
+class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlPlant]):
+    """A robot behind ros2_control.
+
+    Args:
+        marker: File that marks an unfinished run.
+        laws: Robot of the laws and drivers.
+        robot: Profile of the simulated robot.
+        seed: Of the sensor noise.
+        delay: From a state to its command in force [ms].
+        settings: Options of the plant, as in ``bridge/config/ros2_control.yaml``.
+    """
+
+    def __init__(
+        self,
+        marker: Path,
+        *,
+        laws: str = "g1_hardware",
+        robot: str = "g1",
+        seed: int = 0,
+        delay: int = 2,
+        **settings: Any,
+    ) -> None:
+        side = ControlledRobot(robot, laws=laws, settings=settings, seed=seed)
+        link, model = DirectControlLink(side, delay), RobotModel.load(laws)
+        super().__init__(model, side, link, Ros2ControlPlant(model, marker=str(marker), link=link, **settings))

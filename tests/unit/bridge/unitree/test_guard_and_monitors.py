@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from bridge.launch.robot_network import LOOPBACK, RobotNetwork, interface_address, profile_text
-from bridge.plants.unitree.codec import TickClock, UnitreeCodec, joint_command
-from bridge.plants.unitree.guard import SILENCE, DampingGuard
+from bridge.plants.guard import SILENCE
+from bridge.plants.hardware import RobotClock
+from bridge.plants.unitree.codec import UnitreeCodec, joint_command
+from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.monitors import HardwareMonitor
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.wire import LOW_STATE, new_low_cmd, read_low_cmd, write_low_cmd, write_low_state
@@ -24,7 +26,7 @@ def hardware() -> RobotModel:
 
 def command_of(model: RobotModel) -> bytes:
     rows = np.ones((5, model.nj))
-    return UnitreeCodec(model, TickClock(0.002, 1.0)).encode(JointCommand(*rows), 5)
+    return UnitreeCodec(model, RobotClock(0.002, 1.0)).encode(JointCommand(*rows), 5)
 
 
 def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> None:
@@ -64,7 +66,7 @@ def monitor_of(model: RobotModel) -> HardwareMonitor:
 
 def watch(monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 0, **values: float) -> None:
     """Feed states with the same values for all motors, or for the motor with index ``joint``."""
-    codec = UnitreeCodec(model, TickClock(0.002, 1.0))
+    codec = UnitreeCodec(model, RobotClock(0.002, 1.0))
     record = np.zeros(1, LOW_STATE)[0]
     motors = record["motor_state"]
     motors["temperature"], motors["vol"] = 40, 50.0
