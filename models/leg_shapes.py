@@ -11,7 +11,7 @@ from models.errors import RobotModelError
 from models.robot_model import RobotModel
 from models.urdf import read_urdf, resolve_uri
 
-_DIRECTIONS = 200  #: Of the points of a coarse hull: within 2 mm of the hull for the size of a shank
+_DIRECTIONS = 200  #: Of the points of a coarse hull: within 4 mm of the hull, for a shank
 _meshes = coal.CachedMeshLoader(coal.BV_OBBRSS)  #: Meshes of this process with their hulls, by file
 
 

@@ -83,7 +83,7 @@ class LegClearanceConfig:
     reach: Positive  #: Distance from which a pair of shapes has a bound [m]
     position_gain: Positive  #: Fastest approach to the gap per distance to it [1/s]
     velocity_gain: Positive  #: Largest acceleration towards that speed per distance to it [1/s]
-    acceleration: Positive  #: Largest acceleration apart [m/s^2]
+    acceleration: Positive  #: Largest bound of the distance's acceleration, either way [m/s^2]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -27,9 +27,10 @@ class LegClearanceLimit(AccelerationLimit):
     .. math:: \ddot d \ge \mathrm{clip}(k (g (d_{gap} - d) - \dot d), \pm \ddot d_{max}), \qquad
         \ddot d \approx n^T (J_l - J_r) \ddot q
 
-    for the three nearest pairs of convex hulls that are nearer than ``reach``: n is the direction between their
-    nearest points, J the Jacobians of these; the acceleration at zero :math:`\ddot q` is left to the feedback. Pairs
-    nearer than the gap in the 'stand' posture are not kept apart, because a hull is larger than its shape.
+    while a foot swings, for up to three pairs of convex hulls that are nearer than ``reach``: n points from the nearest
+    point of the right leg to that of the left one, J are the Jacobians of these points; the acceleration at zero
+    :math:`\ddot q` is left to the feedback. Pairs nearer than the gap in the 'stand' posture are not kept apart, because
+    a hull is larger than its shape.
 
     In a tick, those three pairs are measured that may be nearest: since a pair was measured, no point of a leg has
     moved by more than the sum of the changes of its joints times their distances from it in the stretched leg.
@@ -41,7 +42,8 @@ class LegClearanceLimit(AccelerationLimit):
         self._data, standing, legs = self._geometry.createData(), model.standing_configuration(), leg_chains(model)
         pin.updateGeometryPlacements(robot, model.data(), self._geometry, self._data, standing)
         pairs = list(enumerate(self._geometry.collisionPairs))
-        self._pairs = [(k, pair) for k, pair in pairs if self._measure(k).min_distance > config.gap]
+        apart = [self._measure(k).min_distance for k, _ in pairs]
+        self._pairs = [(k, pair) for k, pair in pairs if apart[k] > config.gap]
         bodies = self._geometry.geometryObjects
         above = [set(robot.supports[body.parentJoint]) for body in bodies]
         self._columns = [
@@ -53,7 +55,7 @@ class LegClearanceLimit(AccelerationLimit):
         self._levers = np.array(
             [(levers[pair.first] + levers[pair.second])[self._joints - JOINTS_Q] for _, pair in self._pairs]
         )
-        self._distances = np.zeros(len(self._pairs))  # when measured [m]
+        self._distances = np.array([apart[k] for k, _ in self._pairs])  # when measured [m]
         self._measured = np.tile(standing[self._joints], (len(self._pairs), 1))  # joint positions then [rad]
 
     def bound(self, terms: Terms, reference: Reference) -> None:

@@ -237,7 +237,7 @@ class _Nominal(NamedTuple):
     shift: Vector  #: From a foothold to its ZMP point, less the ZMP point of the stance
     offset: Vector  #: DCM offset at the nominal touchdown, in W
     dcm: Vector  #: ``StepProblem.dcm``
-    place: Vector  #: Of the swing foot, likewise
+    place: Vector  #: Of the swing foot in the stance frame
 
 
 class _Setup(NamedTuple):
@@ -452,7 +452,7 @@ def _assemble_step(
         at = corner[i] if rounds else swing_place[i]
         # A foot that is still out of reach may stay in line with its place.
         place[i] = (min(max(at, reach[0, i]), reach[1, i]) if kept or not crossing else at) + shift
-        nominal.dcm[i], nominal.place[i] = free[i], swing_place[i] + shift
+        nominal.dcm[i], nominal.place[i] = free[i], swing_place[i]
         # At a corner the foot may also be slower.
         velocities[i, 0] = min(moving[i], 0.0) if rounds else moving[i]
         velocities[i, 1] = max(moving[i], 0.0) if rounds else moving[i]
@@ -484,7 +484,7 @@ def _judge(setup: Unboxed[_Setup], step: _Underway, z: Vector) -> tuple[Point, f
     """The corner that the straight way to a solution cuts, and how far the next step misses the DCM then [m]."""
     fixed, foot, omega = setup.record, step.foot, step.omega
     nominal, stance = fixed.nominal, 1 - step.foot
-    place, target = nominal.place - nominal.shift, z[:2] - nominal.shift
+    place, target = nominal.place, z[:2] - nominal.shift
     corner = corner_between(foot, (place[0], place[1]), (target[0], target[1]), fixed.passage.corner)
     ahead = math.exp(omega * max(step.planned - step.elapsed, 0.0)) - 1.0
     dcm = math.exp(-omega * step.elapsed) * z[2] * nominal.dcm - ahead * z[3:] - z[:2]

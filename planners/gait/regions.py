@@ -81,6 +81,8 @@ def way_within(time: float, velocity: float, swiftness: Swiftness) -> Point:
 @register_jitable
 def time_to(way: float, velocity: float, swiftness: Swiftness) -> float:
     """Least time in which a foot of this velocity covers a way and goes on [s]."""
+    if way == 0.0:
+        return 0.0
     towards = velocity if way > 0.0 else -velocity
     speed, most = swiftness
     return max((math.sqrt(towards * towards + 2.0 * most * abs(way)) - towards) / most, abs(way) / speed)
@@ -105,7 +107,7 @@ def arrival(place: Point, velocity: Point, corner: Point, swiftness: Swiftness) 
     x, y = corner[0] - place[0], corner[1] - place[1]
     rest, way, speed = (x, y, velocity[1]) if outside else (y, x, velocity[0])
     time = max(time_to_rest(rest, velocity[0] if outside else velocity[1], swiftness), time_to(way, speed, swiftness))
-    passing = math.copysign(math.sqrt(speed * speed + 2.0 * swiftness[1] * abs(way)), way)
+    passing = speed if way == 0.0 else math.copysign(math.sqrt(speed * speed + 2.0 * swiftness[1] * abs(way)), way)
     return time, ((0.0, passing) if outside else (passing, 0.0))
 
 

@@ -44,15 +44,17 @@ def references(model: RobotModel, side: float, foot: int) -> list[Reference]:
 def test_mirrored_in_mirrored_out(name: str) -> None:
     model = RobotModel.load(name)
     shifted = 0  # ticks by which the adjusted step times differ
+    before = (True, True)
     for here, there in zip(references(model, 1.0, 0), references(model, -1.0, 1), strict=True):
+        landed, before = here.contacts == (True, True) != before, here.contacts
         if there.contacts != here.contacts[::-1]:
             shifted += 1
             continue
         assert there.load == pytest.approx(here.load[::-1], abs=0.02)
         assert here.dcm is not None and there.dcm is not None
-        # The robots' own CoM is off their middle by millimetres, which the time of a step multiplies, and so in the
-        # tick of the touchdown the distance of the feet of this robot, which do not move, from the planned foothold.
-        np.testing.assert_allclose(there.dcm, here.dcm * FLIP[:2], rtol=0.15, atol=0.015)
+        # The robots' own CoM is off their middle by millimetres, which the time of a step multiplies. At a touchdown the
+        # reference is that of feet that are off the plan: they do not move in this test.
+        np.testing.assert_allclose(there.dcm, here.dcm * FLIP[:2], atol=0.05 if landed else 0.015)
         np.testing.assert_allclose(there.sole_positions, here.sole_positions[::-1] * FLIP, atol=0.015)
         assert there.heading_rate == pytest.approx(-here.heading_rate, abs=0.02)
     assert shifted <= 5

@@ -170,6 +170,9 @@ def test_a_foot_comes_to_rest_at_a_corner_along_the_axis_that_it_blocks() -> Non
     assert time == pytest.approx(time_to_rest(0.15, 0.0, swiftness)) and y == 0.0 and x < 0.0
     mirrored = arrival((0.25, 0.05), still, (0.2, -0.1), swiftness)
     assert mirrored == (pytest.approx(time), (pytest.approx(x), 0.0))
+    for side in (1.0, -1.0):  # inside already: it leaves ahead, and keeps its velocity across
+        time, (x, y) = arrival((0.1, side * 0.05), (0.0, -1.5 * side), (0.23, side * 0.05), swiftness)
+        assert (x, y) == (0.0, -1.5 * side) and time == pytest.approx(time_to_rest(0.13, 0.0, swiftness))
 
 
 def test_a_foot_under_way_lands_less_far_behind_it() -> None:
