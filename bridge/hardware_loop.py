@@ -11,6 +11,7 @@ from bridge.driver.startup import StartState, Startup
 from bridge.loop.lockstep import PlantMonitor
 from bridge.loop.log import LoopLog
 from bridge.plants.config import LoopConfig
+from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.simulated import STEP, DirectLink, GantryRobot
 from controllers.estimation.assembler import mean_sample
@@ -20,6 +21,7 @@ from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData
 
+PROCESSES = ("driver", "control", "guard")  #: Of the graph of a real robot
 LOWERING = 0.05  #: Speed at which the gantry lowers the robot [m/s]
 
 
@@ -27,6 +29,8 @@ class HardwareLoop:
     """One tick is: state, estimate, command, drivers, robot; states and commands are the protocol's bytes.
 
     Deterministic: the same arguments and calls give the same run. ``start`` does what the person at the gantry does.
+    The processes of the real graph are modelled at their boundary: ``running`` is the set of those that are not killed
+    or stopped, of ``PROCESSES``. A guard watches the commands of the driver, as beside a real robot.
 
     Args:
         marker: File that marks an unfinished run.
@@ -54,6 +58,9 @@ class HardwareLoop:
         self.robot = RobotModel.load(laws)  #: The robot of the laws
         self.plant = UnitreePlant(self.robot, rate=rate, marker=str(marker), link=self.link)
         self.drivers = HardwareDrivers(self.plant, self.robot)
+        self.guard = DampingGuard(self.robot)
+        self.running = set(PROCESSES)
+        self.link.receivers.append(self._on_command)
         self.stack = ControlStack(self.robot, StackConfig(), period=self.plant.period)
         self.history: list[str] = []  #: States of the start, in order
         self.log = LoopLog(self.robot)
@@ -94,8 +101,19 @@ class HardwareLoop:
         """One tick."""
         for _ in range(self.side.ticks):
             self.link.step()
+        if "driver" in self.running:
+            self._drive()
+        if "guard" in self.running:
+            self._watch()
+        if not self.side.hooked:
+            self.monitor.update()
+        if not self.history or self.history[-1] != self.startup.state:
+            self.history.append(str(self.startup.state))
+
+    def _drive(self) -> None:
+        """The driver's tick, with that of the laws between its two halves."""
         sensors = self.drivers.read()
-        if sensors.t > self._t:
+        if sensors.t > self._t and "control" in self.running:
             if self.startup.armable:
                 self._control(sensors, sensors.t - self._t)
             else:
@@ -103,10 +121,16 @@ class HardwareLoop:
                 self._first.clear()
             self._t = sensors.t
         self.drivers.act()
-        if not self.side.hooked:
-            self.monitor.update()
-        if not self.history or self.history[-1] != self.startup.state:
-            self.history.append(str(self.startup.state))
+
+    def _on_command(self, data: bytes) -> None:
+        if "guard" in self.running:
+            self.guard.receive(data, self.t)
+
+    def _watch(self) -> None:
+        """The guard's tick."""
+        command = self.guard.step(self.t)
+        if command is not None:
+            self.link.publish(command)
 
     def run(self, time: float) -> None:
         """Run for a simulated time [s]."""
@@ -168,7 +192,7 @@ class HardwareLoop:
             self.drivers.command(command)
             self._record()
         before = self.stack.mode
-        mode = self.stack.supervise(sensors.t)
+        mode = self.stack.supervise(sensors.t, hardware=self.plant.holds)
         if mode is not before:
             self.drivers.set_mode(mode)
             self._note(f"mode {mode.value}" + "".join(f": {fault}" for fault in self.stack.supervisor.faults))

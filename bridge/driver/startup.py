@@ -19,7 +19,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from bridge.plants.base import standing_torques
-from controllers.joints.joint_servo import JointServoConfig, drive_torque
+from controllers.joints.joint_servo import damping_command, drive_torque, fade_to_damping, mean_command
 from models.config import STRICT, Fraction, NonNegative, Positive, default_config
 from models.errors import CommandError
 from models.robot_model import RobotModel
@@ -44,7 +44,6 @@ class StartupConfig:
     load_time: NonNegative
     tilt_max: Positive
     fade: Positive
-    damp_ramp: Positive
 
 
 class StartState(StrEnum):
@@ -99,7 +98,7 @@ class Startup:
         self._crashed = crashed
         self._target = model.posture("stand").copy()
         self._kp, self._kd = self.config.stiffness * model.kp, self.config.damping * model.kd
-        self._damping = default_config(JointServoConfig, "controllers", "joint_servo").damping_scale * model.kd
+        self._damping = damping_command(model)
         self._data = model.data()
         self._standing = np.zeros(model.nj)  # torques of the load on the feet (nj,) [N.m]
         self._elapsed = 0.0  # in this state, by the robot's clock [s]
@@ -107,7 +106,7 @@ class Startup:
         self._t: float | None = None
         self._from = self._target  # joint positions at the start of the ramp (nj,) [rad]
         self._ramp = self.config.ramp_time
-        self._tau_at_fault = np.zeros(model.nj)
+        self._at_fault = JointCommand.torque(np.zeros(model.nj))
         self._findings: Sequence[str] = ("no message of the robot yet",)
         if crashed:
             self.state = StartState.DAMPED
@@ -191,6 +190,8 @@ class Startup:
         sensors, config = inputs.sensors, self.config
         dt = 0.0 if self._t is None else max(sensors.t - self._t, 0.0)
         self._t, self._findings = sensors.t, inputs.findings
+        if self._crashed and self._elapsed == 0.0 and np.isfinite(sensors.tau).all():
+            self._at_fault = JointCommand.torque(sensors.tau)  # of the command that the last driver left
         self._elapsed += dt
         share = min(dt / config.load_window, 1.0)
         self.load += share * (inputs.load - self.load) if np.isfinite(inputs.load) else -share * self.load
@@ -236,7 +237,7 @@ class Startup:
         else:
             given = self._held()
         if state is not StartState.DAMPED:
-            self._tau_at_fault = drive_torque(self.model, given, sensors.q, sensors.v)
+            self._at_fault = JointCommand.torque(drive_torque(self.model, given, sensors.q, sensors.v))
         return given
 
     def _require(self, name: str, state: StartState) -> None:
@@ -262,12 +263,16 @@ class Startup:
             self.damp(reason)
 
     def _release(self, inputs: StartInputs) -> None:
-        if inputs.vendor == "":
+        if inputs.vendor == "" and not inputs.findings:
             self._enter(StartState.DAMP)
         elif self._elapsed > self.config.release_timeout:
-            who = "its state is unknown" if inputs.vendor is None else f"'{inputs.vendor}' is active"
+            reason = "; ".join(inputs.findings)
+            if inputs.vendor:
+                reason = f"the vendor's controller did not end: '{inputs.vendor}' is active"
+            elif inputs.vendor is None:
+                reason = "the vendor's controller did not end: its state is unknown"
             self._enter(StartState.LISTEN)
-            self.reason = f"the vendor's controller did not end: {who}"
+            self.reason = reason
 
     def _begin_ramp(self, q: Vector) -> None:
         self._enter(StartState.PREPARE)
@@ -291,30 +296,18 @@ class Startup:
 
     def _held(self) -> JointCommand:
         """Stiff hold; its gains grow from those of damping in the first third of the ramp."""
-        share = min(3.0 * self._elapsed / self._ramp, 1.0) if self.state is StartState.PREPARE else 1.0
-        kd = self._damping + share * (self._kd - self._damping)
-        return JointCommand(self._reference(), np.zeros(self.model.nj), self._standing, share * self._kp, kd)
+        held = JointCommand(self._reference(), np.zeros(self.model.nj), self._standing, self._kp, self._kd)
+        if self.state is not StartState.PREPARE:
+            return held
+        return mean_command(self.model, self._damping, held, min(3.0 * self._elapsed / self._ramp, 1.0))
 
     def _damped(self) -> JointCommand:
         """Damping; after a stop, the last torque fades into it."""
-        zero = np.zeros(self.model.nj)
-        share = min(self._elapsed / self.config.damp_ramp, 1.0) if self.state is StartState.DAMPED else 1.0
-        return JointCommand(zero, zero, (1.0 - share) * self._tau_at_fault, zero, share * self._damping)
-
-    def _rows(self, command: JointCommand) -> tuple[Vector, ...]:
-        kp = self.model.kp if command.kp is None else command.kp
-        kd = self.model.kd if command.kd is None else command.kd
-        return command.q, command.v, command.tau, kp, kd
+        if self.state is not StartState.DAMPED:
+            return self._damping
+        return fade_to_damping(self.model, self._at_fault, self._elapsed)
 
     def _faded(self, driver: JointCommand) -> JointCommand:
-        """Weighted mean of the torques of the stiff hold and of the drivers' command, as one command.
-
-        The torque of the mean is linear in q and v: its gains are the means of the gains, and the remainder is torque.
-        """
+        """From the stiff hold to the drivers' command."""
         u = self._elapsed / self.config.fade
-        new = u * u * (3.0 - 2.0 * u)
-        hold, given = self._rows(self._held()), self._rows(driver)
-        kp = (1.0 - new) * hold[3] + new * given[3]
-        kd = (1.0 - new) * hold[4] + new * given[4]
-        tau = (1.0 - new) * (hold[2] + hold[3] * (hold[0] - given[0]) + hold[4] * (hold[1] - given[1])) + new * given[2]
-        return JointCommand(given[0], given[1], tau, kp, kd)
+        return mean_command(self.model, self._held(), driver, u * u * (3.0 - 2.0 * u))

@@ -28,7 +28,7 @@ def main(args: list[str] | None = None) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: ending.append(number))
     parent = os.getppid()
-    guard = DampingGuard(RobotModel.load(robot).kd)
+    guard = DampingGuard(RobotModel.load(robot))
     link = CommandLink(int(domain))
     realtime.use_fifo(PRIORITY, lambda text: print(f"damping_guard: {text}", flush=True))
     due = time.monotonic()

@@ -37,6 +37,9 @@ class RobotLink(Protocol):
     def send(self, data: bytes) -> None:
         """Publish a serialised LowCmd."""
 
+    def commands(self) -> list[bytes]:
+        """Serialised LowCmds of all programs since the last call, those of this link included."""
+
     def vendor(self) -> str | None:
         """Name of the active controller of the robot, empty when none is active, None while unknown."""
 
@@ -59,6 +62,7 @@ class DdsLink(RobotLink):
         self._context, self._node = _join(domain, "poise_unitree")
         node, reliable = self._node, QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._states = node.create_subscription(state, "lowstate", _ignore, SENSOR, raw=True)
+        self._echo = node.create_subscription(command, "lowcmd", _ignore, SENSOR, raw=True)
         self._responses = node.create_subscription(response, f"{SWITCHER}/response", _ignore, QoSProfile(depth=QUEUE))
         self._commands = node.create_publisher(command, "lowcmd", reliable)
         self._requests = node.create_publisher(self._request_type, f"{SWITCHER}/request", reliable)
@@ -73,6 +77,9 @@ class DdsLink(RobotLink):
 
     def send(self, data: bytes) -> None:
         self._commands.publish(data)
+
+    def commands(self) -> list[bytes]:
+        return _take_all(self._echo)
 
     def vendor(self) -> str | None:
         now = time.monotonic()

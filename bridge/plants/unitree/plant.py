@@ -1,5 +1,6 @@
 """A Unitree humanoid by its low-level protocol: the robot as the driver program sees it."""
 
+import secrets
 import time
 from collections.abc import Mapping
 from contextlib import suppress
@@ -8,9 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from bridge.plants.base import HardwarePlant
-from bridge.plants.unitree.codec import BUTTONS, LowSample, TickClock, UnitreeCodec
+from bridge.plants.unitree.codec import BUTTONS, LowSample, TickClock, UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.link import DdsLink, RobotLink
 from bridge.plants.unitree.monitors import HardwareMonitor
+from bridge.plants.unitree.wire import read_low_cmd
+from controllers.joints.joint_servo import damping_command, fade_to_damping
 from models.errors import ConfigError, MessageError
 from models.files import state_folder
 from models.robot_model import RobotModel
@@ -19,7 +22,7 @@ from models.types import JointCommand, SensorData
 GAP_MAX = 2.0  #: Largest step of the robot's tick that is no restart [s]
 RATE_TOLERANCE = 0.1  #: Relative deviation of the rate of the states that is accepted at the start [-]
 RATE_WINDOW = 0.5  #: Over which that rate is measured [s]
-CLOSE_COMMANDS, CLOSE_PERIOD = 25, 0.002  #: Damping commands that ``close`` sends, and the time between two [s]
+CLOSE_COMMANDS, CLOSE_PERIOD = 100, 0.002  #: Commands with which ``close`` damps, and the time between two [s]
 RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
 
 
@@ -66,8 +69,9 @@ class UnitreePlant(HardwarePlant):
                 f"{', '.join(BUTTONS)}"
             )
         self._period = 1.0 / rate
+        self._session = secrets.randbits(32)
         self._clock = TickClock(self._period, GAP_MAX)
-        self._codec = UnitreeCodec(model, self._clock)
+        self._codec = UnitreeCodec(model, self._clock, self._session)
         self._hardware, self._where = hardware, f"{network_interface}, domain {domain}"
         self.monitor = HardwareMonitor(model, hardware, self._period)
         nothing = np.full(model.nj, np.nan)
@@ -84,8 +88,9 @@ class UnitreePlant(HardwarePlant):
         self.refused = 0  #: States with a wrong checksum or size
         self.lost = 0  #: States that did not arrive
         self._why = ""
-        zero = np.zeros(model.nj)
-        self._damping = JointCommand(zero, zero, zero, zero, model.kd)
+        self._model = model
+        self._sent = b""  # the last command
+        self._foreign = 0  # commands of other programs since the last sample
         folder = Path(marker) if marker else state_folder("unitree") / f"{network_interface}-{domain}"
         self._marker = folder
         self._crashed = folder.exists()
@@ -102,6 +107,9 @@ class UnitreePlant(HardwarePlant):
         self._stop = ""
         if self._closed:
             return self._sensors
+        foreign = sum(is_foreign(data, self._session) for data in self._link.commands())
+        if self.vendor == "":  # else they may be those of the active controller
+            self._foreign += foreign
         waiting, self._waiting = [*self._waiting, *self._link.take()], []
         samples = [sample for data in waiting if (sample := self._decode(data)) is not None]
         self._silent = 0.0 if samples else self._silent + self._period
@@ -138,7 +146,8 @@ class UnitreePlant(HardwarePlant):
             return  # a repeated sample
         lost = 0 if self._sample is None else max(round(step / self._period) - 1, 0)
         self.lost += lost
-        self.monitor.step(sample, lost, step)
+        self.monitor.step(sample, lost, step, self._foreign)
+        self._foreign = 0
         self._counted += 1
         if t - self._counted_since >= RATE_WINDOW:
             self._rate = self._counted / (t - self._counted_since)
@@ -156,16 +165,24 @@ class UnitreePlant(HardwarePlant):
             self._marked = True
             self._marker.parent.mkdir(parents=True, exist_ok=True)
             self._marker.touch()
-        self._link.send(self._codec.encode(command, self._sample.mode_machine, self._sample.tick))
+        self._sent = self._codec.encode(command, self._sample.mode_machine, self._sample.tick)
+        self._link.send(self._sent)
 
     def close(self) -> None:
-        """Damp the joints, also when the robot was not commanded by this driver after a crash; leave the domain."""
+        """Damp the joints, also when the robot was not commanded by this driver after a crash; leave the domain.
+
+        The torque of the last command fades.
+        """
         if self._closed:
             return
         self._closed = True
         if self._sample is not None and (self._marked or self._crashed):
-            for _ in range(CLOSE_COMMANDS):
-                self._link.send(self._codec.encode(self._damping, self._sample.mode_machine))
+            model, last = self._model, damping_command(self._model)
+            if self._sent:
+                last = joint_command(read_low_cmd(self._sent), model.nj)
+            for count in range(CLOSE_COMMANDS):
+                command = fade_to_damping(model, last, count * CLOSE_PERIOD)
+                self._link.send(self._codec.encode(command, self._sample.mode_machine))
                 time.sleep(CLOSE_PERIOD)
         self._link.close()
         if self._sample is not None or self._marked:
@@ -198,8 +215,6 @@ class UnitreePlant(HardwarePlant):
             found.append(
                 f"mode_machine {sample.mode_machine} is another robot than the profile's {self._hardware.mode_machine}"
             )
-        if not (np.isfinite(sample.sensors.q).all() and np.isfinite(sample.sensors.accel).all()):
-            found.append("joints or accelerometer are not finite")
         if (beyond := np.flatnonzero(np.abs(sample.sensors.q) > 2.0 * np.pi)).size:
             found.append(f"motor {int(beyond[0])} measures {sample.sensors.q[beyond[0]]:.1f} rad")
         if self.vendor is None:

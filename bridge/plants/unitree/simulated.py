@@ -4,6 +4,7 @@ The robot hangs from a rope at its torso. Until it is released, its vendor's con
 drives execute the last LowCmd for ever, as the real ones are assumed to do, and have no torque before the first.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -174,12 +175,19 @@ class GantryRobot:
 
 
 class DirectLink:
-    """A robot in the same process, as ``RobotLink`` of the plant; commands take effect ``delay`` steps later."""
+    """A robot in the same process, as ``RobotLink`` of the plant; commands take effect ``delay`` steps later.
+
+    ``states_pass`` and ``commands_pass`` return what arrives of a message on the cable, None when it is lost.
+    """
 
     def __init__(self, robot: GantryRobot, delay: int = 0) -> None:
         self.robot, self.delay = robot, delay
         self.connected = True
-        self.sent: list[bytes] = []
+        self.states_pass: Callable[[bytes], bytes | None] = lambda data: data
+        self.commands_pass: Callable[[bytes], bytes | None] = lambda data: data
+        self.sent: list[bytes] = []  #: By the driver
+        self.receivers: list[Callable[[bytes], object]] = []  #: Further readers of LowCmds at this end of the cable
+        self._commands: list[bytes] = []
         self._states: list[bytes] = []
         self._on_the_way: list[tuple[int, bytes]] = []
 
@@ -188,8 +196,8 @@ class DirectLink:
         while self._on_the_way and self._on_the_way[0][0] <= self.robot.tick:
             self.robot.receive(self._on_the_way.pop(0)[1])
         self.robot.step()
-        if self.robot.due and self.connected:
-            self._states.append(self.robot.state())
+        if self.robot.due and self.connected and (state := self.states_pass(self.robot.state())) is not None:
+            self._states.append(state)
 
     def take(self) -> list[bytes]:
         """States since the last call."""
@@ -198,9 +206,21 @@ class DirectLink:
 
     def send(self, data: bytes) -> None:
         """Send a LowCmd to the robot."""
-        if self.connected:
-            self.sent.append(data)
-            self._on_the_way.append((self.robot.tick + self.delay, data))
+        self.sent.append(data)
+        self.publish(data)
+
+    def publish(self, data: bytes) -> None:
+        """A LowCmd of any program at this end of the cable."""
+        self._commands.append(data)
+        for receive in self.receivers:
+            receive(data)
+        if self.connected and (passed := self.commands_pass(data)) is not None:
+            self._on_the_way.append((self.robot.tick + self.delay, passed))
+
+    def commands(self) -> list[bytes]:
+        """LowCmds of all programs since the last call."""
+        found, self._commands = self._commands, []
+        return found
 
     def vendor(self) -> str | None:
         """Name of the vendor's active controller; None when the robot does not answer."""

@@ -11,6 +11,7 @@ from bridge.plants.unitree.guard import SILENCE, DampingGuard
 from bridge.plants.unitree.monitors import HardwareMonitor
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.wire import LOW_STATE, new_low_cmd, read_low_cmd, write_low_cmd, write_low_state
+from controllers.joints.joint_servo import drive_torque
 from models.errors import ConfigError
 from models.profile import Thresholds
 from models.robot_model import RobotModel
@@ -28,27 +29,36 @@ def command_of(model: RobotModel) -> bytes:
 
 
 def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> None:
-    guard, data = DampingGuard(g1.kd), command_of(g1)
+    guard, data = DampingGuard(g1), command_of(g1)
     assert guard.step(100.0) is None  # before the driver's first command
     guard.receive(data, 100.0)
     assert guard.step(100.0 + 0.9 * SILENCE) is None
-    made = guard.step(100.0 + 1.1 * SILENCE)
+    begin = 100.0 + 1.1 * SILENCE
+    first = guard.step(begin)
     assert guard.strangers == 0
-    assert made is not None and (guard.active, guard.interventions) == (True, 1)
+    assert first is not None and (guard.active, guard.interventions) == (True, 1)
+    q, v = 0.3 * np.ones(g1.nj), 0.2 * np.ones(g1.nj)
+    last = drive_torque(g1, joint_command(read_low_cmd(data), g1.nj), q, v)
+    torques = [drive_torque(g1, joint_command(read_low_cmd(first), g1.nj), q, v)]
+    np.testing.assert_allclose(torques[0], last, rtol=1e-6)
+    for step in range(1, 100):
+        made = guard.step(begin + 0.002 * step)
+        assert made is not None
+        guard.receive(made, begin + 0.002 * step)  # it receives its own
+        torques.append(drive_torque(g1, joint_command(read_low_cmd(made), g1.nj), q, v))
+    assert np.abs(np.diff(torques, axis=0)).max() < 0.02 * np.abs(torques[0] - torques[-1]).max()
     record = read_low_cmd(made)
     command = joint_command(record, g1.nj)
     assert record["mode_machine"] == 5
     assert command.kd is not None and np.allclose(command.kd, g1.kd)
-    assert not any(np.any(row) for row in (command.q, command.v, command.tau, command.kp))
-    guard.receive(made, 100.03)  # it receives its own
-    assert guard.step(100.03) is not None
-    guard.receive(data, 100.04)
-    assert guard.step(100.041) is None and not guard.active
-    assert guard.step(100.1) is not None and guard.interventions == 2
+    assert not np.any(command.tau) and not np.any(command.kp)
+    guard.receive(data, begin + 0.3)
+    assert guard.step(begin + 0.301) is None and not guard.active
+    assert guard.step(begin + 0.4) is not None and guard.interventions == 2
 
 
 def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
-    guard, data = DampingGuard(g1.kd), bytearray(command_of(g1))
+    guard, data = DampingGuard(g1), bytearray(command_of(g1))
     data[50] ^= 1
     guard.receive(bytes(data), 0.0)
     assert guard.refused == 1 and guard.step(1.0) is None and not guard.armed
