@@ -238,7 +238,7 @@ class Hardware:
     voltage: Thresholds  #: supply of the lowest drive; 0 counts as not measured [V]
     lost_packets: Thresholds  #: share of states that did not arrive within a second [-]
     torque_saturation: Thresholds  #: share of a second in which a joint is at its torque limit [-]
-    foreign_commands: Thresholds  #: LowCmds of other programs within a second; without ``persistence`` [1]
+    foreign_commands: Thresholds  #: LowCmds of other programs within a second; without ``persistence`` [Hz]
     motor_error: Literal["warn", "hold", "damp"]  #: what an error word of a drive leads to
     stop_buttons: Annotated[tuple[str, ...], Field(min_length=1)]  #: each of which, on the remote controller, damps
     persistence: Positive  #: for how long a value must be beyond a threshold [s]

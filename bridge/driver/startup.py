@@ -1,14 +1,15 @@
 """Start of a real robot, from its vendor's controller to standing, as a state machine without ROS.
 
     listen -> gantry -> release -> damp -> prepare -> hanging -> held -> loaded -> stand
-                                                         any of these from release on -> damped -> prepare
+                                                         any of these from release on -> damped -> damp, or listen
 
 Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. ``gantry`` waits
 for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``. ``held`` is stiff in the
 standing posture until the load on the feet, which follows from the joint torques, equals the weight. The stiff hold
 includes the torques of that load at the measured posture: gravity does not weaken its springs, and a CoM beside that of
 the model makes the robot lean less. ``loaded`` stays stiff until the joint drivers execute commands, which then replace
-the stiff hold over the time ``fade``; a robot that is lifted before that is ``held`` again.
+the stiff hold over the time ``fade``; a robot that is lifted before that is ``held`` again. ``damped`` waits for the
+operator to hang the robot up; when the vendor's controller becomes active, commands end, and the start begins again.
 """
 
 from collections.abc import Sequence
@@ -32,6 +33,8 @@ class StartupConfig:
 
     listen_time: Positive
     release_timeout: Positive
+    quiet_time: Positive
+    hand_over_time: Positive
     settle_time: NonNegative
     rest_speed: Positive
     ramp_speed: Positive
@@ -121,7 +124,7 @@ class Startup:
         if state is StartState.LISTEN:
             return "; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s"
         if state is StartState.RELEASE:
-            return "the vendor's controller to end"
+            return "; ".join(self._findings) or "the vendor's controller to end"
         if state is StartState.DAMP:
             return f"the joints to be slower than {config.rest_speed:g} rad/s for {config.settle_time:g} s"
         if state is StartState.PREPARE:
@@ -195,8 +198,10 @@ class Startup:
         self._elapsed += dt
         share = min(dt / config.load_window, 1.0)
         self.load += share * (inputs.load - self.load) if np.isfinite(inputs.load) else -share * self.load
-        if inputs.stop:
-            self._stop(inputs.stop)
+        if self.state is StartState.DAMPED:
+            self._hand_over(inputs, dt)
+        elif inputs.stop:
+            self._stop(inputs)
         elif self.state is StartState.LISTEN:
             if self._holds(not inputs.findings, dt, config.listen_time):
                 self._enter(StartState.GANTRY)
@@ -204,7 +209,7 @@ class Startup:
             if inputs.findings:
                 self._enter(StartState.LISTEN)
         elif self.state is StartState.RELEASE:
-            self._release(inputs)
+            self._release(inputs, dt)
         elif self.state is StartState.DAMP:
             if self._holds(bool(np.abs(sensors.v).max() < config.rest_speed), dt, config.settle_time):
                 self._begin_ramp(sensors.q)
@@ -254,16 +259,23 @@ class Startup:
         self._good = self._good + dt if condition else 0.0
         return condition and self._good >= time
 
-    def _stop(self, reason: str) -> None:
-        """Damp; before the release, where nothing is commanded, begin again."""
-        if self.state in BEFORE_RELEASE:
-            self._findings = (reason,)
+    def _stop(self, inputs: StartInputs) -> None:
+        """Damp. Before the release, or where a check fails during it, begin again: nothing is commanded."""
+        if self.state in BEFORE_RELEASE or (self.state is StartState.RELEASE and inputs.findings):
+            self._findings = tuple(dict.fromkeys((inputs.stop, *inputs.findings)))
             self._enter(StartState.LISTEN)
         else:
-            self.damp(reason)
+            self.damp(inputs.stop)
 
-    def _release(self, inputs: StartInputs) -> None:
-        if inputs.vendor == "" and not inputs.findings:
+    def _hand_over(self, inputs: StartInputs, dt: float) -> None:
+        """End all commands once the robot is damped and its vendor's controller is active: it must be the only one."""
+        if self._holds(bool(inputs.vendor), dt, self.config.hand_over_time):
+            self._crashed = False
+            self._enter(StartState.LISTEN)
+            self.reason = f"the vendor's controller '{inputs.vendor}' became active"
+
+    def _release(self, inputs: StartInputs, dt: float) -> None:
+        if self._holds(inputs.vendor == "" and not inputs.findings, dt, self.config.quiet_time):
             self._enter(StartState.DAMP)
         elif self._elapsed > self.config.release_timeout:
             reason = "; ".join(inputs.findings)

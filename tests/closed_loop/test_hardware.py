@@ -1,9 +1,8 @@
-"""A real robot's driver, protocol and laws against the robot's side in one process, in lockstep: start, faults, stop.
+"""A real robot's driver, protocol and laws against the robot's side in one process, in lockstep: start and stop.
 
 Bytes of LowState and LowCmd pass between them as on the network; only the network is missing.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -95,55 +94,6 @@ def test_the_remote_controller_damps_within_10_ms(standing: HardwareLoop) -> Non
     assert standing.drivers.state == "damped"
     with pytest.raises(CommandError, match="refused in state 'damped'"):
         standing.drivers.set_mode(Mode.STAND)
-
-
-def cut(loop: HardwareLoop, time: float) -> None:
-    """Pull the cable for a time."""
-    loop.link.connected = False
-    loop.run(time)
-    loop.link.connected = True
-
-
-def damage(loop: HardwareLoop) -> None:
-    """Every state has a wrong checksum."""
-    state = loop.side.state
-    loop.side.state = lambda: state()[:-1] + b"\x00"  # type: ignore[method-assign]
-
-
-FAULTS: dict[str, tuple[Callable[[HardwareLoop], object], str]] = {
-    "cable out for 50 ms": (lambda loop: cut(loop, 0.05), "no new state of the robot"),
-    "wrong checksum": (damage, "no new state of the robot"),
-    "another mode_machine": (lambda loop: setattr(loop.side, "mode_machine", 4), "mode_machine changed to 4"),
-    "clock of the robot jumps": (lambda loop: setattr(loop.side, "tick", 7), "clock has jumped"),
-    "motors at 110 degC": (lambda loop: loop.side.temperature.fill(110), "110 degC above 105 degC"),
-    "30 V": (lambda loop: loop.side.voltage.fill(30.0), "30 V below 39 V"),
-    "no commands of the controller": (
-        lambda loop: setattr(loop.drivers, "command", lambda command: False), "no command of the controller"
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_damps_and_is_named(standing: HardwareLoop, name: str) -> None:
-    act, reason = FAULTS[name]
-    act(standing)
-    standing.until(lambda: standing.startup.state is StartState.DAMPED, 0.3)
-    assert reason in standing.startup.reason
-    standing.run(0.1)
-    assert damping(standing.link.sent[-1])
-
-
-def test_a_cable_out_for_10_ms_is_ridden_through(standing: HardwareLoop) -> None:
-    cut(standing, 0.01)
-    standing.run(1.0)
-    assert standing.startup.state is StartState.STAND and standing.upright
-
-
-def test_lesser_values_are_reported(standing: HardwareLoop) -> None:
-    for value, level in ((80, "warnings"), (95, "holds")):
-        standing.side.temperature.fill(value)
-        standing.run(0.5)
-        assert standing.startup.state is StartState.STAND and len(getattr(standing.plant, level)) == 1
 
 
 @pytest.mark.parametrize("state", [StartState.GANTRY, StartState.PREPARE, StartState.HELD])

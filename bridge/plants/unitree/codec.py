@@ -130,10 +130,14 @@ class UnitreeCodec:
             remote=record["wireless_remote"].tobytes(),
         )
 
-    def encode(self, command: JointCommand, mode_machine: int, tick: int = 0) -> bytes:
-        """Serialised LowCmd of a command; ``mode_machine`` and the newest ``tick`` are those of the robot."""
+    def encode(self, command: JointCommand, mode_machine: int, tick: int = 0, last: bool = False) -> bytes:
+        """Serialised LowCmd of a command; ``mode_machine`` and the newest ``tick`` are those of the robot.
+
+        After the ``last`` one the guard no longer damps the robot.
+        """
         set_command(self._motors, command, self._kp, self._kd)
         self._record["mode_machine"], self._record["reserve"][1] = mode_machine, tick
+        self._record["reserve"][3] = last
         return write_low_cmd(self._record)
 
 

@@ -19,7 +19,8 @@ class DampingGuard:
 
     The torque of the last command fades into damping, as the driver's own would. It has no effect before the driver's
     first command, which is what releases the robot's own controller. ``active`` is whether the guard commands,
-    ``interventions`` counts how often it began to.
+    ``interventions`` counts how often it began to. The driver's ``last`` command, for the robot's own controller that
+    has become active, ends that.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -52,7 +53,7 @@ class DampingGuard:
         if record["reserve"][0] != MARK:
             self.strangers += int(record["reserve"][0] != GUARD_MARK)
             return
-        self._last, self._record, self._command = now, record, None
+        self._last, self._record, self._command = now, None if record["reserve"][3] else record, None
 
     def step(self, now: float) -> bytes | None:
         """The command to publish at a time [s]; None while the driver commands, or has not begun."""

@@ -111,7 +111,7 @@ class HardwareMonitor:
         return _beyond(f"{what} of '{self._names[joint]}'", float(values[joint]), unit, bounds)
 
     def _others(self) -> Finding | None:
-        found = _beyond("lowcmd of another program", self._foreign, "within a second", self._hardware.foreign_commands)
+        found = _beyond("lowcmd of another program", self._foreign, "Hz", self._hardware.foreign_commands)
         return None if found is None else found._replace(at_once=True)
 
     def _error(self, states: Vector) -> Finding | None:

@@ -168,6 +168,16 @@ class UnitreePlant(HardwarePlant):
         self._sent = self._codec.encode(command, self._sample.mode_machine, self._sample.tick)
         self._link.send(self._sent)
 
+    def hand_over(self) -> None:
+        if self._sample is not None and not self._closed:
+            self._link.send(self._codec.encode(damping_command(self._model), self._sample.mode_machine, last=True))
+        self._marked = self._crashed = False
+        self._unmark()
+
+    def _unmark(self) -> None:
+        with suppress(OSError):
+            self._marker.unlink(missing_ok=True)
+
     def close(self) -> None:
         """Damp the joints, also when the robot was not commanded by this driver after a crash; leave the domain.
 
@@ -186,8 +196,7 @@ class UnitreePlant(HardwarePlant):
                 time.sleep(CLOSE_PERIOD)
         self._link.close()
         if self._sample is not None or self._marked:
-            with suppress(OSError):
-                self._marker.unlink(missing_ok=True)
+            self._unmark()
 
     @property
     def crashed(self) -> bool:

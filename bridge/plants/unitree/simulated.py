@@ -14,7 +14,7 @@ import pinocchio as pin
 from bridge.plants.deviation import Deviation
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensors import SensorErrors
-from bridge.plants.unitree.codec import joint_command
+from bridge.plants.unitree.codec import TICK_WRAP, joint_command
 from bridge.plants.unitree.wire import LOW_STATE, read_low_cmd, write_low_state
 from models.constants import GRAVITY
 from models.errors import MessageError
@@ -57,7 +57,8 @@ class GantryRobot:
         if deviation is not None:
             deviation.apply(self.plant, seed)
         self.ticks = round(1.0 / (rate * STEP))  #: Physics steps of a state
-        self.tick = 0  #: Of the robot [ms]
+        self.tick = 0  #: Physics steps so far [ms]
+        self.clock_offset = 0  #: Of the reported tick from ``tick`` [ms]
         self.vendor = "" if released else "ai"
         self.mode_machine = 5
         self.temperature, self.voltage = np.full(self.model.nj, 40), np.full(self.model.nj, 50.0)
@@ -129,7 +130,7 @@ class GantryRobot:
         motors["motorstate"] = self.motor_error
         record["quaternion"] = self.imu_quaternion
         record["gyroscope"], record["accelerometer"] = sensors.gyro, sensors.accel
-        record["tick"], record["mode_machine"] = self.tick % (1 << 32), self.mode_machine
+        record["tick"], record["mode_machine"] = (self.tick + self.clock_offset) % TICK_WRAP, self.mode_machine
         record["wireless_remote"] = np.frombuffer(bytes(self.remote), np.uint8)
         return write_low_state(record)
 
