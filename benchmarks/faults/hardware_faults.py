@@ -146,7 +146,7 @@ class Trial:
             ok = ok and not reply.accepted and loop.stack.mode is Mode.STAND
             reasons.append(reply.reason)
         elif row.expect == "goes on":
-            ok = ok and loop.stack.mode is (Mode.WALK if row.walk else Mode.STAND)
+            ok = ok and not loop.plant.holds and loop.stack.mode is (Mode.WALK if row.walk else Mode.STAND)
         reason = "; ".join(dict.fromkeys(filter(None, reasons)))
         on_time = row.within is None or (self._reacted is not None and self._reacted <= row.within)
         seen = f"start '{loop.startup.state}'"

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,8 +20,8 @@ ROWS = config().rows
 QUICK = ("driver_killed_walk", "foreign", "battery_swap")  #: Of the rows that damp, in every run of the tests
 #: On one robot, one after the other: it stands after each
 IN_SEQUENCE = (
-    "crc_state_once", "crc_command_once", "nan_state_once", "states_repeated_10ms", "cable_10ms", "foreign_once",
-    "driver_late_30ms", "guard_killed", "hot_91",
+    "crc_state_once", "crc_command_once", "nan_state_once", "states_repeated_10ms", "cable_10ms", "driver_late_30ms",
+    "guard_killed", "hot_91",
 )  # fmt: skip
 
 
@@ -43,6 +42,10 @@ def test_a_standing_robot_takes_one_after_the_other(tmp_path: Path, monkeypatch:
     for name in IN_SEQUENCE:
         case = Trial(loop, ROWS[name]).run()
         assert case["ok"] and case["torque_step"] < 1.0, (name, case)
+    hot = ROWS["hot_91"]
+    for changes in ({"within": 0.001}, {"reason": "meteor"}, {"expect": "goes on", "within": None}):
+        row: Row = replace(hot, **changes)  # type: ignore[arg-type]
+        assert not Trial(loop, row).run()["ok"], changes
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in ROWS])
@@ -51,17 +54,10 @@ def test_a_row_holds(name: str) -> None:
     assert case["ok"], case
 
 
-def test_a_guard_that_does_not_fade_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_guard_that_does_not_fade_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     def at_once(model: RobotModel, last: JointCommand, elapsed: float) -> JointCommand:
         return damping_command(model)
 
     monkeypatch.setattr("bridge.plants.unitree.guard.fade_to_damping", at_once)
     case = measure("g1", 0, "driver_killed_walk")
-    assert not case["ok"] and case["torque_step"] > config().torque_step_limit
-
-
-@pytest.mark.parametrize("changes", [{"within": 0.001}, {"reason": "meteor"}, {"expect": "goes on"}])
-def test_a_wrong_reaction_fails(changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    row: Row = replace(ROWS["hot_91"], **changes)
-    monkeypatch.setattr(hardware_faults, "config", lambda: replace(config(), duration=0.2, rows={"row": row}))
-    assert not measure("g1", 0, "row")["ok"]
+    assert case["torque_step_nm"] > 30.0  # 0.7 N.m with the fade
