@@ -34,7 +34,7 @@ class HardwareLoop:
 
     Args:
         marker: File that marks an unfinished run.
-        laws: Robot of the laws and drivers.
+        laws: Profile of the laws and drivers, by name or path.
         rate: Rate of states and commands [Hz].
         seed: Of the sensor noise, and of random deviations.
         delay: From a state to its command in force [ms].
@@ -46,7 +46,7 @@ class HardwareLoop:
         self,
         marker: Path,
         *,
-        laws: str = "g1_hardware",
+        laws: str | Path = "g1_hardware",
         rate: float = 500.0,
         seed: int = 0,
         delay: int = 2,

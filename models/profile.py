@@ -245,6 +245,14 @@ class Hardware:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class Payload:
+    """Mass and CoM of a robot beyond those of its URDF, in its torso; ``poise identify`` measures them."""
+
+    mass: float = 0.0  #: added to that of the torso; negative for a lighter robot [kg]
+    com: tuple[float, float] = (0.0, 0.0)  #: shift of the CoM of the whole robot, forward and left [m]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Profile:
     """A whole robot; see the packaged files for a commented example."""
 
@@ -264,6 +272,7 @@ class Profile:
     hulls: dict[str, Hull] = field(default_factory=dict)
     #: what differs for this robot from the packaged configuration of its laws, as nested keys by the name of the file
     laws: dict[Law, dict[str, Any]] = field(default_factory=dict)
+    payload: Payload = Payload()  #: what the laws add to the URDF's masses; a simulated robot does not have it
     hardware: Hardware | None = None  #: monitors of the real robot; none where it is not known
     source: str = ""  #: file the profile was read from; filled in by the loader
 
