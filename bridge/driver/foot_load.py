@@ -84,7 +84,9 @@ def identify(model: RobotModel, mean: SensorData) -> Payload:
         MessageError: The robot moves, does not stand on its feet, or measures no torques or no acceleration.
     """
     if not np.abs(mean.v).max() < AT_REST:
-        raise MessageError(f"identify: the robot moves: a joint turns at {np.abs(mean.v).max():.2f} rad/s; let it stand")
+        raise MessageError(
+            f"identify: the robot moves: a joint turns at {np.abs(mean.v).max():.2f} rad/s; let it stand"
+        )
     load, known = FootLoad(model), model.profile.payload
     load.update(mean)
     if not abs(load.load - 1.0) < PLAUSIBLE:
@@ -94,7 +96,8 @@ def identify(model: RobotModel, mean: SensorData) -> Payload:
         )
     forward, left = load.com_offset
     return Payload(
-        mass=known.mass + model.mass * (load.load - 1.0), com=(known.com[0] + float(forward), known.com[1] + float(left))
+        mass=known.mass + model.mass * (load.load - 1.0),
+        com=(known.com[0] + float(forward), known.com[1] + float(left)),
     )
 
 

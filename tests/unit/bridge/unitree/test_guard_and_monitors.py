@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.launch.robot_network import LOOPBACK, RobotNetwork, interface_address, profile_text
-from bridge.plants.unitree.codec import TickClock, UnitreeCodec, joint_command
+from bridge.plants.unitree.codec import TickClock, UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.guard import SILENCE, DampingGuard
 from bridge.plants.unitree.monitors import HardwareMonitor
 from bridge.plants.unitree.plant import UnitreePlant
@@ -67,12 +67,31 @@ def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
     assert guard.strangers == 1 and guard.step(1.0) is None and not guard.armed
 
 
+def test_the_guard_does_not_damp_after_the_drivers_last_command(g1: RobotModel) -> None:
+    guard, rows = DampingGuard(g1), np.ones((5, g1.nj))
+    guard.receive(command_of(g1), 0.0)
+    guard.receive(UnitreeCodec(g1, TickClock(0.002, 1.0)).encode(JointCommand(*rows), 5, last=True), 0.002)
+    assert not guard.armed and guard.step(1.0) is None
+
+
+def test_commands_of_other_programs_are_recognised(g1: RobotModel) -> None:
+    rows = JointCommand(*np.ones((5, g1.nj)))
+    own, other = (UnitreeCodec(g1, TickClock(0.002, 1.0), session).encode(rows, 5) for session in (7, 8))
+    assert not is_foreign(own, 7) and is_foreign(other, 7) and is_foreign(write_low_cmd(new_low_cmd()), 7)
+    guard = DampingGuard(g1)
+    guard.receive(other, 0.0)
+    made = guard.step(1.0)
+    assert made is not None and not is_foreign(made, 7)
+
+
 def monitor_of(model: RobotModel) -> HardwareMonitor:
     assert model.profile.hardware is not None
     return HardwareMonitor(model, model.profile.hardware, 0.002)
 
 
-def watch(monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 0, **values: float) -> None:
+def watch(
+    monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 0, foreign: int = 0, **values: float
+) -> None:
     """Feed states with the same values for all motors, or for the motor with index ``joint``."""
     codec = UnitreeCodec(model, TickClock(0.002, 1.0))
     record = np.zeros(1, LOW_STATE)[0]
@@ -83,7 +102,7 @@ def watch(monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 
         motors[name][joint] = value
     for tick in range(round(time / 0.002)):
         record["tick"] = 2 * tick
-        monitor.step(codec.decode(write_low_state(record)), lost, 0.002 * (lost + 1))
+        monitor.step(codec.decode(write_low_state(record)), lost, 0.002 * (lost + 1), foreign)
 
 
 @pytest.mark.parametrize(
@@ -116,6 +135,28 @@ def test_lost_states(hardware: RobotModel, lost: int, level: str) -> None:
     monitor = monitor_of(hardware)
     watch(monitor, hardware, 10.0, lost)
     assert monitor.loss == pytest.approx(lost / (lost + 1), abs=0.01)
+
+
+def test_saturated_torques(hardware: RobotModel) -> None:
+    monitor, knee = monitor_of(hardware), float(hardware.tau_max[3])
+    watch(monitor, hardware, 5.0, tau_est=0.9 * knee)
+    assert not monitor.warnings
+    watch(monitor, hardware, 0.5, tau_est=-knee)
+    assert len(monitor.warnings) == 1 and "torque saturation of 'left_knee_joint'" in monitor.warnings[0]
+    watch(monitor, hardware, 1.0, tau_est=-knee)
+    assert len(monitor.holds) == 1
+    watch(monitor, hardware, 3.0, tau_est=-knee)
+    assert len(monitor.damps) == 1
+
+
+def test_commands_of_another_program_count_at_once(hardware: RobotModel) -> None:
+    monitor = monitor_of(hardware)
+    watch(monitor, hardware, 0.002, foreign=1)
+    assert len(monitor.holds) == 1 and "lowcmd of another program" in monitor.holds[0]
+    watch(monitor, hardware, 1.0)
+    assert not monitor.holds
+    watch(monitor, hardware, 0.03, foreign=1)
+    assert len(monitor.damps) == 1
 
 
 def test_thresholds_are_ordered() -> None:

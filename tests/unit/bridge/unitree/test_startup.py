@@ -47,7 +47,7 @@ class Bench:
         steps = {
             StartState.GANTRY: lambda: self.run(1.1),
             StartState.RELEASE: self.startup.confirm_gantry,
-            StartState.DAMP: lambda: (self.inputs.update(vendor=""), self.tick()),
+            StartState.DAMP: lambda: (self.inputs.update(vendor=""), self.run(0.11)),
             StartState.PREPARE: lambda: self.run(1.1),
             StartState.HANGING: lambda: self.run(3.1),
             StartState.HELD: self.startup.lower,
@@ -132,6 +132,27 @@ def test_a_controller_that_does_not_end_is_named(bench: Bench) -> None:
     assert bench.startup.state is StartState.LISTEN
     bench.run(1.1)
     assert bench.startup.state is StartState.GANTRY and "'ai' is active" in bench.startup.waits_for
+
+
+def test_another_program_ends_the_release_without_a_command(bench: Bench) -> None:
+    bench.reach(StartState.RELEASE)
+    bench.inputs |= {"vendor": "", "findings": ("lowcmd of another program",), "stop": "lowcmd of another program"}
+    assert bench.tick() is None
+    assert bench.startup.state is StartState.LISTEN and bench.startup.waits_for == "lowcmd of another program"
+
+
+def test_a_controller_that_becomes_active_is_left_alone_once_the_robot_is_damped(bench: Bench) -> None:
+    bench.reach(StartState.STAND)
+    bench.inputs |= {"vendor": "ai", "stop": "the vendor's controller 'ai' is active again"}
+    command = bench.tick()
+    assert bench.startup.state is StartState.DAMPED and command is not None
+    bench.run(0.2)
+    assert bench.startup.commands  # the torque fades first
+    bench.inputs["stop"] = ""  # the drivers stop for this reason while they command
+    bench.run(0.2)
+    assert bench.startup.state is StartState.LISTEN and bench.tick() is None
+    bench.run(1.1)
+    assert bench.startup.state is StartState.GANTRY and "'ai' became active" in bench.startup.waits_for
 
 
 def test_moving_joints_are_damped_before_the_ramp(bench: Bench) -> None:
