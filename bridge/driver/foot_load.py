@@ -11,7 +11,6 @@ from models.profile import Payload
 from models.robot_model import RobotModel
 from models.types import SensorData, Vector
 
-
 AT_REST = 0.05  #: Mean speed of the fastest joint of a robot that stands still [rad/s]
 PLAUSIBLE = 0.3  #: Deviation of the load from the model's weight that may be a payload [-]
 
@@ -76,17 +75,16 @@ def identify(model: RobotModel, mean: SensorData) -> Payload:
     """Payload of a robot that stands still on both feet, from the mean of its samples over some seconds.
 
     The load is the weight and the CoP is below the CoM, both from the joint torques as ``FootLoad`` computes them. The
-    payload of the model's own profile is included: the result replaces it. On a simulated G1 with a load at the torso the errors are 0.25 kg and 2 mm, and with encoder
-    offsets of up to 20 mrad 0.7 kg and 6 mm. The legs must have the masses of the model: with all masses 10 % larger,
-    0.9 of 3.3 kg are not found.
+    payload of the model's own profile is included: the result replaces it. On a simulated G1 with a load at the torso
+    the errors are 0.25 kg and 2 mm, and with encoder offsets of up to 20 mrad 0.7 kg and 6 mm. A bias of the
+    accelerometer is a tilt: 0.05 m/s^2 are 3 to 5 mm. The legs must have the masses of the model:
+    with all masses 10 % larger, 0.9 of 3.3 kg are not found.
 
     Raises:
         MessageError: The robot moves, does not stand on its feet, or measures no torques or no acceleration.
     """
     if not np.abs(mean.v).max() < AT_REST:
-        raise MessageError(
-            f"identify: the robot moves: a joint turns at {np.abs(mean.v).max():.2f} rad/s; let it stand"
-        )
+        raise MessageError(f"identify: a joint turns at {np.abs(mean.v).max():.2f} rad/s: the robot must stand still")
     load, known = FootLoad(model), model.profile.payload
     load.update(mean)
     if not abs(load.load - 1.0) < PLAUSIBLE:
@@ -102,7 +100,7 @@ def identify(model: RobotModel, mean: SensorData) -> Payload:
 
 
 def payload_profile(extends: str, name: str, payload: Payload) -> str:
-    """Text of a profile ``name`` with a payload that extends another, by name or path; for ``poise up --robot FILE``."""
+    """Text of a profile ``name`` with a payload that extends another, given by name or path."""
     found = {"mass": round(payload.mass, 3), "com": [round(each, 4) for each in payload.com]}
     data = {"extends": extends, "name": name, "payload": found}
     return "# Written by poise identify\n" + yaml.safe_dump(data, sort_keys=False)

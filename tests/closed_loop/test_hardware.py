@@ -193,9 +193,9 @@ def test_mass_and_com_are_identified_from_standing_still_and_used(
     found = identify(loop.robot, mean)
     assert found.mass == pytest.approx(mass, abs=0.3)
     np.testing.assert_allclose(found.com, (forward, 0.0), atol=0.003)
-    with pytest.raises(MessageError, match="a joint turns at 1.00 rad/s"):
+    with pytest.raises(MessageError, match="the robot must stand still"):
         identify(loop.robot, structs.replace(mean, v=np.ones(loop.robot.nj)))
-    with pytest.raises(MessageError, match="0 % of the weight on the feet"):
+    with pytest.raises(MessageError, match="of the weight on the feet"):
         identify(loop.robot, structs.replace(mean, tau=gravity_torques(loop.robot, mean)))
     if not mass:
         profile = tmp_path / "robot.yaml"
