@@ -151,6 +151,7 @@ def _battery(loop: HardwareLoop, value: float) -> Iterator[None]:
     """The robot's side loses its power and starts again: no torque, then its own controller, and a tick from zero."""
     side, loop.link.connected = loop.side, False
     side.command, end = None, side.tick + round(1000.0 * BOOT_TIME)
+    loop.link.drop()
     step = loop.link.step
 
     def stepped() -> None:

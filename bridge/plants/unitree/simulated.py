@@ -200,6 +200,10 @@ class DirectLink:
         if self.robot.due and self.connected and (state := self.states_pass(self.robot.state())) is not None:
             self._states.append(state)
 
+    def drop(self) -> None:
+        """Lose the commands that are on the way."""
+        self._on_the_way.clear()
+
     def take(self) -> list[bytes]:
         """States since the last call."""
         found, self._states = self._states, []
