@@ -234,6 +234,7 @@ class Hardware:
     """What the monitors of a real robot compare its state with."""
 
     mode_machine: Annotated[int, Field(ge=0, le=255)]  #: type that the robot reports, of these joints [1]
+    switcher_version: str  #: of the robot's motion switcher, which releases its controller; where it names one
     motor_temperature: Thresholds  #: winding or housing of the hottest motor [degC]
     voltage: Thresholds  #: supply of the lowest drive; 0 counts as not measured [V]
     lost_packets: Thresholds  #: share of states that did not arrive within a second [-]

@@ -141,6 +141,12 @@ def _never_released(loop: HardwareLoop, value: float) -> Iterator[None]:
 
 
 @contextmanager
+def _other_version(loop: HardwareLoop, value: float) -> Iterator[None]:
+    with patch.object(loop.side, "switcher_version", "2.0.0.0"):
+        yield
+
+
+@contextmanager
 def _no_answer(loop: HardwareLoop, value: float) -> Iterator[None]:
     with patch.object(loop.link, "vendor", lambda: None):
         yield
@@ -194,6 +200,7 @@ ACTS: Mapping[str, Act] = {
     "vendor_again": _vendor_again,
     "never_released": _never_released,
     "no_answer": _no_answer,
+    "other_version": _other_version,
     "battery": _battery,
     "driver_killed": _killed("driver"),
     "control_killed": _killed("control"),

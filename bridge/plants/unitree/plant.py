@@ -228,6 +228,11 @@ class UnitreePlant(HardwarePlant):
             found.append(f"motor {int(beyond[0])} measures {sample.sensors.q[beyond[0]]:.1f} rad")
         if self.vendor is None:
             found.append(self._fault or "the motion switcher of the robot does not answer")
+        if (version := self._link.version()) not in ("", self._hardware.switcher_version):
+            found.append(
+                f"motion switcher {version} is another than {self._hardware.switcher_version}: see what releases "
+                f"its controller, then set hardware.switcher_version of the profile"
+            )
         return (*found, *self.monitor.holds, *self.monitor.damps)
 
     @property
@@ -270,4 +275,5 @@ class UnitreePlant(HardwarePlant):
             "states lost": str(self.lost),
             "restarts of the robot": str(self._clock.restarts),
             "vendor's controller": "unknown" if vendor is None else vendor or "released",
+            "motion switcher": self._link.version() or "version unknown",
         }

@@ -61,6 +61,7 @@ class GantryRobot:
         self.clock_offset = 0  #: Of the reported tick from ``tick`` [ms]
         self.vendor = "" if released else "ai"
         self.mode_machine = 5
+        self.switcher_version = "1.0.0.1"
         self.temperature, self.voltage = np.full(self.model.nj, 40), np.full(self.model.nj, 50.0)
         self.motor_error = np.zeros(self.model.nj, dtype=np.uint32)
         self.remote = bytearray(40)
@@ -230,6 +231,10 @@ class DirectLink:
     def vendor(self) -> str | None:
         """Name of the vendor's active controller; None when the robot does not answer."""
         return self.robot.vendor if self.connected else None
+
+    def version(self) -> str:
+        """Version of the motion switcher."""
+        return self.robot.switcher_version if self.connected else ""
 
     def release(self) -> None:
         """End the vendor's controller."""
