@@ -1,6 +1,7 @@
 """The drivers and laws of a real robot against a simulated one in one process, in lockstep: no ROS, no clock."""
 
 from collections.abc import Callable
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,15 @@ from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData
 
-PROCESSES = ("driver", "control", "guard")  #: Of the graph of a real robot
 LOWERING = 0.05  #: Speed at which the gantry lowers the robot [m/s]
+
+
+class Process(Enum):
+    """Processes of the graph of a real robot that take part in its control."""
+
+    DRIVER = "driver"
+    CONTROL = "control"
+    GUARD = "guard"
 
 
 class HardwareLoop:
@@ -30,7 +38,7 @@ class HardwareLoop:
 
     Deterministic: the same arguments and calls give the same run. ``start`` does what the person at the gantry does.
     The processes of the real graph are modelled at their boundary: ``running`` is the set of those that are not killed
-    or stopped, of ``PROCESSES``. A guard watches the commands of the driver, as beside a real robot.
+    or stopped. A guard watches the commands of the driver, as beside a real robot.
 
     Args:
         marker: File that marks an unfinished run.
@@ -59,7 +67,7 @@ class HardwareLoop:
         self.plant = UnitreePlant(self.robot, rate=rate, marker=str(marker), link=self.link)
         self.drivers = HardwareDrivers(self.plant, self.robot)
         self.guard = DampingGuard(self.robot)
-        self.running = set(PROCESSES)
+        self.running = set(Process)
         self.link.receivers.append(self._on_command)
         self.stack = ControlStack(self.robot, StackConfig(), period=self.plant.period)
         self.history: list[str] = []  #: States of the start, in order
@@ -101,9 +109,9 @@ class HardwareLoop:
         """One tick."""
         for _ in range(self.side.ticks):
             self.link.step()
-        if "driver" in self.running:
+        if Process.DRIVER in self.running:
             self._drive()
-        if "guard" in self.running:
+        if Process.GUARD in self.running:
             self._watch()
         if not self.side.hooked:
             self.monitor.update()
@@ -113,7 +121,7 @@ class HardwareLoop:
     def _drive(self) -> None:
         """The driver's tick, with that of the laws between its two halves."""
         sensors = self.drivers.read()
-        if sensors.t > self._t and "control" in self.running:
+        if sensors.t > self._t and Process.CONTROL in self.running:
             if self.startup.armable:
                 self._control(sensors, sensors.t - self._t)
             else:
@@ -123,7 +131,7 @@ class HardwareLoop:
         self.drivers.act()
 
     def _on_command(self, data: bytes) -> None:
-        if "guard" in self.running:
+        if Process.GUARD in self.running:
             self.guard.receive(data, self.t)
 
     def _watch(self) -> None:

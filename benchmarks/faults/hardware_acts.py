@@ -7,7 +7,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from bridge.hardware_loop import HardwareLoop
+from bridge.hardware_loop import HardwareLoop, Process
 from bridge.plants.unitree.wire import new_low_cmd, read_low_state, write_low_cmd, write_low_state
 
 Act: TypeAlias = Callable[[HardwareLoop, float], AbstractContextManager[None]]
@@ -169,14 +169,14 @@ def _battery(loop: HardwareLoop, value: float) -> Iterator[None]:
         yield
 
 
-def _killed(*names: str) -> Act:
-    """Processes stop."""
+def _killed(process: Process) -> Act:
+    """A process stops."""
 
     @contextmanager
     def act(loop: HardwareLoop, value: float) -> Iterator[None]:
-        loop.running.difference_update(names)
+        loop.running.discard(process)
         yield
-        loop.running.update(names)
+        loop.running.add(process)
 
     return act
 
@@ -202,7 +202,7 @@ ACTS: Mapping[str, Act] = {
     "no_answer": _no_answer,
     "other_version": _other_version,
     "battery": _battery,
-    "driver_killed": _killed("driver"),
-    "control_killed": _killed("control"),
-    "guard_killed": _killed("guard"),
+    "driver_killed": _killed(Process.DRIVER),
+    "control_killed": _killed(Process.CONTROL),
+    "guard_killed": _killed(Process.GUARD),
 }

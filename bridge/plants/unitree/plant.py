@@ -23,6 +23,7 @@ GAP_MAX = 2.0  #: Largest step of the robot's tick that is no restart [s]
 RATE_TOLERANCE = 0.1  #: Relative deviation of the rate of the states that is accepted at the start [-]
 RATE_WINDOW = 0.5  #: Over which that rate is measured [s]
 CLOSE_COMMANDS, CLOSE_PERIOD = 100, 0.002  #: Commands with which ``close`` damps, and the time between two [s]
+LAST_COMMANDS = 5  #: Commands with which ``hand_over`` ends the guard, too: some may be lost
 RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
 
 
@@ -170,7 +171,9 @@ class UnitreePlant(HardwarePlant):
 
     def hand_over(self) -> None:
         if self._sample is not None and not self._closed:
-            self._link.send(self._codec.encode(damping_command(self._model), self._sample.mode_machine, last=True))
+            data = self._codec.encode(damping_command(self._model), self._sample.mode_machine, last=True)
+            for _ in range(LAST_COMMANDS):
+                self._link.send(data)
         self._marked = self._crashed = False
         self._unmark()
 
