@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from bridge.commands import record
-from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, signer_of
+from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, say, signer_of
 from bridge.commands.robot import calibrate, hang, identify, mode, reach, reset, send, start, status, walk
 from models.numerics.threads import use_one_thread
 
@@ -128,14 +128,16 @@ def up(
         typer.Option(help="Simulated time waits for late commands (yield), or does not (strict)."),
     ] = "yield",
     plant: Annotated[
-        str, typer.Option(help="The robot: mujoco, unitree, the name of an installed plant, or module:Class.")
+        str, typer.Option(help="The robot: mujoco, unitree, ros2_control, an installed plant, or module:Class.")
     ] = "mujoco",
     plant_options: Annotated[str, typer.Option(help="Arguments of another plant: YAML in braces, or a file.")] = "",
     network_interface: Annotated[
-        str, typer.Option(help="Of this computer, to the robot of --plant unitree, such as eth0.", metavar="IF")
+        str, typer.Option(help="Of this computer, to a real robot, such as eth0.", metavar="IF")
     ] = "",
-    robot_domain: Annotated[int, typer.Option(min=0, max=232, help="DDS domain of that robot.")] = 0,
-    robot_rate: Annotated[int, typer.Option(help="Rate of that robot, 500 or 1000 [Hz].")] = 500,
+    robot_domain: Annotated[int, typer.Option(min=0, max=232, help="DDS domain of a real robot.")] = 0,
+    robot_rate: Annotated[
+        int | None, typer.Option(help=r"Rate of a real robot \[Hz]; 500 or 1000 with --plant unitree.")
+    ] = None,
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
@@ -160,14 +162,14 @@ def up(
     if several and plant != "mujoco":
         raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
     hardware: dict[str, Any] = {}
-    if plant == "unitree":
-        from bridge.launch.unitree import unitree_options
+    from bridge.launch.hardware import PLANTS, hardware_options
 
+    if plant in PLANTS:
         with report_errors():
-            robot, hardware = unitree_options(robot, network_interface, robot_domain, robot_rate, plant_options)
+            robot, hardware = hardware_options(plant, robot, network_interface, robot_domain, robot_rate, plant_options)
         plant_options = hardware.pop("plant_options")
     elif network_interface:
-        raise typer.BadParameter("--network-interface goes with --plant unitree")
+        raise typer.BadParameter(f"--network-interface goes with --plant {' or '.join(PLANTS)}")
     if calibration is None and not sensor_errors:
         calibration = calibration_directory() / plant.replace(":", ".")  # a simulated robot has its own
     given = {"sensor_errors": sensor_errors, "faults.plan": faults, "plant_options": plant_options}
@@ -297,6 +299,25 @@ def joints(robot: Robot = "g1") -> None:
         position = f"{model.q_lower[i]:.2f} to {model.q_upper[i]:.2f}"
         table.add_row(name, ", ".join(aliases), position, f"{model.v_max[i]:.1f}", f"{model.tau_max[i]:.0f}")
     console(soft_wrap=True).print(table)
+
+
+@app.command()
+def controllers(
+    robot: Robot = "g1",
+    plant_options: Annotated[str, typer.Option(help="Options of the plant: YAML in braces, or a file.")] = "",
+) -> None:
+    """Print the parameter file of the controller manager for a robot with --plant ros2_control."""
+    need_ros()
+    from bridge.launch.hardware import PROFILES
+    from bridge.plants.config import read_options
+    from bridge.plants.ros2_control.config import read_config
+    from bridge.plants.ros2_control.controllers_file import controllers_file
+    from models.robot_model import RobotModel
+
+    with report_errors():
+        model = RobotModel.load(PROFILES.get(robot, robot))
+        text = controllers_file(model, read_config(read_options(plant_options)))
+    say(text, nl=False)
 
 
 _of_robot = (send, mode, start, status, reset, calibrate, identify, hang)

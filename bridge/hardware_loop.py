@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -11,10 +11,19 @@ from bridge.driver.drivers import HardwareDrivers
 from bridge.driver.startup import StartState, Startup
 from bridge.loop.lockstep import PlantMonitor
 from bridge.loop.log import LoopLog
+from bridge.plants.base import HardwarePlant
 from bridge.plants.config import LoopConfig
+from bridge.plants.gantry import STEP, HangingRobot, StepLink
+from bridge.plants.guard import SilenceGuard
+from bridge.plants.ros2_control.commands import GUARD, command_codec
+from bridge.plants.ros2_control.config import COMMAND, JOINTS
+from bridge.plants.ros2_control.guard import ControlGuard
+from bridge.plants.ros2_control.link import Message
+from bridge.plants.ros2_control.plant import Ros2ControlPlant
+from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
 from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.plant import UnitreePlant
-from bridge.plants.unitree.simulated import STEP, DirectLink, GantryRobot
+from bridge.plants.unitree.simulated import DirectLink, GantryRobot
 from controllers.estimation.assembler import mean_sample
 from controllers.stack import ControlStack, StackConfig
 from models.config import default_config
@@ -33,7 +42,13 @@ class Process(Enum):
     GUARD = "guard"
 
 
-class HardwareLoop:
+Side = TypeVar("Side", bound=HangingRobot)
+Link = TypeVar("Link", bound=StepLink)
+RealPlant = TypeVar("RealPlant", bound=HardwarePlant)
+Guard = TypeVar("Guard", bound=SilenceGuard)
+
+
+class PlantLoop(Generic[Side, Link, RealPlant, Guard]):
     """One tick is: state, estimate, command, drivers, robot; states and commands are the protocol's bytes.
 
     Deterministic: the same arguments and calls give the same run. ``start`` does what the person at the gantry does.
@@ -41,34 +56,29 @@ class HardwareLoop:
     or stopped. A guard watches the commands of the driver, as beside a real robot.
 
     Args:
-        marker: File that marks an unfinished run.
-        laws: Profile of the laws and drivers, by name or path.
-        rate: Rate of states and commands [Hz].
-        seed: Of the sensor noise, and of random deviations.
-        delay: From a state to its command in force [ms].
+        robot: The robot of the laws.
+        side: The simulated robot.
+        link: From ``plant`` to ``side``.
+        plant: The plant of the drivers.
+        guard: Its guard process.
         record_period: Time between two rows of ``log`` [s]; no log when None.
-        options: Of ``GantryRobot``.
     """
 
     def __init__(
         self,
-        marker: Path,
-        *,
-        laws: str | Path = "g1_hardware",
-        rate: float = 500.0,
-        seed: int = 0,
-        delay: int = 2,
+        robot: RobotModel,
+        side: Side,
+        link: Link,
+        plant: RealPlant,
+        guard: Guard,
         record_period: float | None = None,
-        **options: Any,
     ) -> None:
-        self.side = GantryRobot(rate=rate, seed=seed, **options)  #: The simulated robot; no law may read it
-        self.link = DirectLink(self.side, delay)
-        self.robot = RobotModel.load(laws)  #: The robot of the laws
-        self.plant = UnitreePlant(self.robot, rate=rate, marker=str(marker), link=self.link)
+        self.robot = robot  #: The robot of the laws
+        self.side = side  #: The simulated robot; no law may read it
+        self.link, self.plant = link, plant
         self.drivers = HardwareDrivers(self.plant, self.robot)
-        self.guard = DampingGuard(self.robot)
+        self.guard = guard
         self.running = set(Process)
-        self.link.receivers.append(self._on_command)
         self.stack = ControlStack(self.robot, StackConfig(), period=self.plant.period)
         self.history: list[str] = []  #: States of the start, in order
         self.log = LoopLog(self.robot)
@@ -129,10 +139,6 @@ class HardwareLoop:
                 self._first.clear()
             self._t = sensors.t
         self.drivers.act()
-
-    def _on_command(self, data: bytes) -> None:
-        if Process.GUARD in self.running:
-            self.guard.receive(data, self.t)
 
     def _watch(self) -> None:
         """The guard's tick."""
@@ -212,3 +218,73 @@ class HardwareLoop:
 
     def _note(self, text: str) -> None:
         self.events.append((self._t, text))
+
+
+class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard]):
+    """A robot behind Unitree's protocol.
+
+    Args:
+        marker: File that marks an unfinished run.
+        laws: Profile of the laws and drivers, by name or path.
+        rate: Rate of states and commands [Hz].
+        seed: Of the sensor noise, and of random deviations.
+        delay: From a state to its command in force [ms].
+        record_period: Time between two rows of ``log`` [s]; no log when None.
+        options: Of ``GantryRobot``.
+    """
+
+    def __init__(
+        self,
+        marker: Path,
+        *,
+        laws: str | Path = "g1_hardware",
+        rate: float = 500.0,
+        seed: int = 0,
+        delay: int = 2,
+        record_period: float | None = None,
+        **options: Any,
+    ) -> None:
+        side = GantryRobot(rate=rate, seed=seed, **options)
+        link, robot = DirectLink(side, delay), RobotModel.load(laws)
+        plant = UnitreePlant(robot, rate=rate, marker=str(marker), link=link)
+        super().__init__(robot, side, link, plant, DampingGuard(robot), record_period)
+        link.receivers.append(self._on_command)
+
+    def _on_command(self, data: bytes) -> None:
+        if Process.GUARD in self.running:
+            self.guard.receive(data, self.t)
+
+
+class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlPlant, ControlGuard]):
+    """A robot behind ros2_control.
+
+    Args:
+        marker: File that marks an unfinished run.
+        laws: Robot of the laws and drivers.
+        robot: Profile of the simulated robot.
+        seed: Of the sensor noise.
+        delay: From a state to its command in force [ms].
+        settings: Options of the plant, as in ``bridge/config/ros2_control.yaml``.
+    """
+
+    def __init__(
+        self,
+        marker: Path,
+        *,
+        laws: str = "g1_hardware",
+        robot: str = "g1",
+        seed: int = 0,
+        delay: int = 2,
+        **settings: Any,
+    ) -> None:
+        side = ControlledRobot(robot, laws=laws, settings=settings, seed=seed)
+        link, model = DirectControlLink(side, delay), RobotModel.load(laws)
+        plant = Ros2ControlPlant(model, marker=str(marker), link=link, **settings)
+        guard = ControlGuard(model, command_codec(model, plant.config, GUARD))
+        super().__init__(model, side, link, plant, guard)
+        link.receivers.append(lambda data: self._on_message((COMMAND, data)))
+        link.state_receivers.append(self._on_message)
+
+    def _on_message(self, message: Message) -> None:
+        if Process.GUARD in self.running and message[0] in (COMMAND, JOINTS):
+            self.guard.receive(message, self.t)

@@ -137,7 +137,7 @@ class HardwareDrivers(Drivers):
         findings = () if startup.commands and startup.state is not StartState.DAMPED else self.plant.findings
         inputs = StartInputs(
             sensors, findings, vendor, self._load.load, self._load.tilt,
-            driven=self.awaits_command and servo.commanded, stop=stop,
+            driven=self.awaits_command and servo.commanded, stop=stop, stale=self.stale,
         )  # fmt: skip
         commanded = startup.commands
         if startup.update(inputs) is StartState.RELEASE:

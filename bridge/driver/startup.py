@@ -83,6 +83,7 @@ class StartInputs(NamedTuple):
     tilt: float = 0.0  # of the base [rad]
     driven: bool = False  # the joint drivers execute commands
     stop: str = ""  # reason to damp at once
+    stale: float = 0.0  # since the sample came [s]
 
 
 class Startup:
@@ -104,7 +105,7 @@ class Startup:
         self._damping = damping_command(model)
         self._data = model.data()
         self._standing = np.zeros(model.nj)  # torques of the load on the feet (nj,) [N.m]
-        self._elapsed = 0.0  # in this state, by the robot's clock [s]
+        self._elapsed = 0.0  # in this state, by the robot's clock, which the driver continues without samples [s]
         self._good = 0.0  # time for which the condition of the state has held [s]
         self._t: float | None = None
         self._from = self._target  # joint positions at the start of the ramp (nj,) [rad]
@@ -159,7 +160,7 @@ class Startup:
         """The operator confirms that the robot hangs; the vendor's controller is released."""
         self._require("confirm_gantry", StartState.GANTRY)
         self._enter(StartState.RELEASE)
-        return "the vendor's controller is released; the robot goes limp, then is damped"
+        return "a vendor's controller is released, after which the robot is limp; then it is damped"
 
     def lower(self) -> str:
         """The operator lowers the robot."""
@@ -181,7 +182,7 @@ class Startup:
         """Damp the robot at once. Before the release the vendor's controller is in command, and this is refused."""
         if self.state in BEFORE_RELEASE:
             raise CommandError(
-                "damp refused: the vendor's controller is in command; damp with the vendor's remote controller"
+                "damp refused: nothing is commanded yet; use the vendor's remote controller, or the robot's stop"
             )
         if self.state is not StartState.DAMPED:
             self.reason = reason
@@ -191,8 +192,10 @@ class Startup:
     def update(self, inputs: StartInputs) -> StartState:
         """One tick; returns the state."""
         sensors, config = inputs.sensors, self.config
-        dt = 0.0 if self._t is None else max(sensors.t - self._t, 0.0)
-        self._t, self._findings = sensors.t, inputs.findings
+        # It goes on without samples, so that the torque fades, but not before the first.
+        t = sensors.t + inputs.stale if sensors.t > 0.0 else 0.0
+        dt = 0.0 if self._t is None else max(t - self._t, 0.0)
+        self._t, self._findings = t, inputs.findings
         if self._crashed and self._elapsed == 0.0 and np.isfinite(sensors.tau).all():
             self._at_fault = JointCommand.torque(sensors.tau)  # of the command that the last driver left
         self._elapsed += dt

@@ -24,7 +24,7 @@ _XML = "http://www.eprosima.com"  #: Namespace of the profile
 _GET_ADDRESS, _GET_FLAGS = 0x8915, 0x8913  #: ioctl of Linux: IPv4 address and flags of an interface
 _UP = 0x1  #: Flag of an interface that is up
 SPDP_GROUP = "239.255.0.1"  #: Multicast group of discovery (DDSI-RTPS 9.6.1)
-LOOPBACK = "127.0.0.1"
+LOOPBACK, LOOPBACK_INTERFACE = "127.0.0.1", "lo"
 GUARD = "bridge.nodes.damping_guard"  #: Module of the guard process
 
 
@@ -72,10 +72,11 @@ def _one(root: ET.Element, name: str) -> ET.Element:
 
 @dataclass(frozen=True, slots=True)
 class RobotNetwork:
-    """Where a real robot is: interface of this computer, and DDS domain of the robot."""
+    """Where a real robot is: interface of this computer, DDS domain of the robot, further arguments of the guard."""
 
     interface: str
     domain: int = 0
+    guard: tuple[str, ...] = ()
 
     def check(self, graph_domain: int | None = None) -> str:
         """Address of the interface; ``ConfigError`` when it has none, or when the graph has the robot's domain."""
@@ -90,9 +91,9 @@ class RobotNetwork:
     def processes(self, specs: Sequence[ProcessSpec], robot: str) -> list[ProcessSpec]:
         """The processes of a graph, the driver with the robot's network, and the guard beside it."""
         address = self.check()
-        file = state_folder("unitree") / f"{self.interface}.xml"
+        file = state_folder("robot_network") / f"{self.interface}.xml"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(profile_text(address), encoding="utf-8")
         environment = {PROFILE_VARIABLE: str(file), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
-        guard = ProcessSpec(GUARD, (), arguments=(robot, str(self.domain)), environment=environment)
+        guard = ProcessSpec(GUARD, (), arguments=(robot, str(self.domain), *self.guard), environment=environment)
         return [guard, *(replace(spec, environment=environment) if spec == BRIDGE else spec for spec in specs)]

@@ -1,16 +1,23 @@
-"""Process ``damping_guard``: publishes damping LowCmds when the driver has been silent for 20 ms.
+"""Process ``damping_guard``: publishes damping commands when the driver has been silent for 20 ms.
 
-    python -m bridge.nodes.damping_guard ROBOT DOMAIN
+    python -m bridge.nodes.damping_guard ROBOT DOMAIN [OPTIONS]
 
-It is no node of the graph: a participant in the robot's domain with one reader and one writer. It outlives the driver
-and its launcher: asked to end, or without its launcher, it damps a robot that was commanded for ``AFTERWARDS``.
+With the options of the plant ``ros2_control`` the robot is behind ros2_control, otherwise it is one of Unitree. The
+process is no node of the graph but a participant in the robot's domain. It outlives the driver and its launcher: asked
+to end, or without its launcher, it damps a robot that was commanded for ``AFTERWARDS``.
 """
 
 import os
 import signal
 import sys
 import time
+from typing import Any
 
+from bridge.plants.config import read_options
+from bridge.plants.ros2_control.commands import GUARD, command_codec
+from bridge.plants.ros2_control.config import COMMAND, JOINTS, read_config
+from bridge.plants.ros2_control.guard import ControlGuard
+from bridge.plants.ros2_control.link import RosLink
 from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.link import CommandLink
 from models.nodes import realtime
@@ -23,13 +30,12 @@ PRIORITY = 45  #: SCHED_FIFO, above the driver; where permitted
 
 def main(args: list[str] | None = None) -> None:
     """Watch until SIGTERM, or until the launcher has ended, and for a while after that."""
-    robot, domain = (sys.argv[1:] if args is None else args)[:2]
+    robot, domain, *options = sys.argv[1:] if args is None else args
     ending: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: ending.append(number))
     parent = os.getppid()
-    guard = DampingGuard(RobotModel.load(robot))
-    link = CommandLink(int(domain))
+    guard, link = _connect(RobotModel.load(robot), int(domain), *options)
     realtime.use_fifo(PRIORITY, lambda text: print(f"damping_guard: {text}", flush=True))
     due = time.monotonic()
     said = strangers = 0
@@ -49,11 +55,22 @@ def main(args: list[str] | None = None) -> None:
                 strangers = 10 * guard.strangers
             ended = bool(ending) or os.getppid() != parent
             if ended and (not guard.armed or guard.silence(now) > AFTERWARDS):
+                if guard.armed and (final := guard.final_command()) is not None:
+                    link.send(final)
                 return
             due = max(due + PERIOD, now)
             time.sleep(max(due - time.monotonic(), 0.0))
     finally:
         link.close()
+
+
+def _connect(model: RobotModel, domain: int, options: str | None = None) -> tuple[Any, Any]:
+    """The guard of a robot, and its connection."""
+    if options is None:
+        return DampingGuard(model), CommandLink(domain)
+    config = read_config({**read_options(options), "controller_manager": ""})
+    codec = command_codec(model, config, GUARD)
+    return ControlGuard(model, codec), RosLink(domain, config, (JOINTS, COMMAND), codec.kind)
 
 
 if __name__ == "__main__":

@@ -114,6 +114,7 @@ class Terms:
         # Pinocchio's arrays stay where they are; M is symmetric, and its transpose has contiguous rows.
         self.mass_matrix: Matrix = data.M.T  #: M with rotor inertia (nv, nv)
         self.bias: Vector = data.nle  #: Coriolis and gravity (nv,)
+        self.joint_jacobian: Matrix = data.J  #: Of all joints: axes of W, linear part at its origin (6, nv)
         self.base_rotation = np.eye(3)  #: R_WB (3, 3)
         #: In W [m, m/s, m/s^2]; ``momentum`` is the angular one about the CoM, drifts are rates at zero acceleration
         self.com, self.com_velocity, self.com_drift = np.zeros(3), np.zeros(3), np.zeros(3)
@@ -159,6 +160,10 @@ class Terms:
         """Run only the Pinocchio algorithms of ``update`` (the benchmark times them alone)."""
         pin.crba(self._pin, self._data, self.q, _WORLD)  # also J and the placements of the joints
         pin.nonLinearEffects(self._pin, self._data, self.q, self.v)  # also the accelerations of the bodies at zero a
+
+    def place(self, geometry: pin.GeometryModel, data: pin.GeometryData) -> None:
+        """Place shapes as the joints are."""
+        pin.updateGeometryPlacements(self._pin, self._data, geometry, data)
 
 
 def frame_id_of(model: RobotModel, name: str) -> int:

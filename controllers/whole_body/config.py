@@ -75,6 +75,18 @@ class HeightLimit:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class LegClearanceConfig:
+    """Distance of the legs."""
+
+    enabled: bool
+    gap: NonNegative  #: Least distance of their shapes [m]
+    reach: Positive  #: Distance from which a pair of shapes has a bound [m]
+    position_gain: Positive  #: Fastest approach to the gap per distance to it [1/s]
+    velocity_gain: Positive  #: Largest acceleration towards that speed per distance to it [1/s]
+    acceleration: Positive  #: Largest acceleration apart [m/s^2]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class LimitConfig:
     """Joint limits as acceleration bounds."""
 
@@ -85,6 +97,7 @@ class LimitConfig:
     velocity_gain: Positive  #: Largest acceleration towards a velocity bound per distance to it [1/s]
     acceleration: Positive  #: Largest joint acceleration [rad/s^2]
     com_height: HeightLimit  #: Height of the CoM
+    legs: LegClearanceConfig  #: Distance of the legs
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

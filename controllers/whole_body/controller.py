@@ -10,6 +10,7 @@ from controllers.qp.contacts import ContactGains
 from controllers.qp.solve import QPSolver, Solution
 from controllers.qp.terms import Terms
 from controllers.whole_body.config import Gains, WholeBodyConfig, load_whole_body_config
+from controllers.whole_body.leg_clearance import LegClearanceLimit
 from controllers.whole_body.limits import (
     BodyLimits,
     CoMHeightLimit,
@@ -84,8 +85,8 @@ class WholeBodyController:
             contact.force_max * self._weight,
             self._weight,
         )
-        self.body_limits, heights = _make_limits(model, config, cones)
-        extra_limits = [*heights, *extra_limits]
+        self.body_limits, own = _make_limits(model, config, cones)
+        extra_limits = [*own, *extra_limits]
         self.limits: dict[str, Limit] = {limit.name: limit for limit in (*self.body_limits, *extra_limits)}
         frames = [frame for task in self.tasks.values() for frame in task.frames]
         self.terms = Terms(model, frames)
@@ -251,4 +252,9 @@ def _make_limits(
     )
     body = BodyLimits(JointLimit(bounds), cones, TorqueLimit(limit.torque * model.tau_max))
     gains = limit.position_gain, limit.velocity_gain
-    return body, [CoMHeightLimit(height.minimum, height.maximum, *gains, model.nv)] if height.enabled else []
+    extra: list[RowLimit] = []
+    if height.enabled:
+        extra.append(CoMHeightLimit(height.minimum, height.maximum, *gains, model.nv))
+    if limit.legs.enabled:
+        extra.append(LegClearanceLimit(model, limit.legs))
+    return body, extra

@@ -33,6 +33,8 @@ PACKAGES = {
     "example_interfaces": (),
     "unitree_hg": (),
     "unitree_api": (),
+    "controller_manager_msgs": (),
+    "linear_feedback_controller_msgs": ("geometry_msgs", "sensor_msgs"),
 }
 #: Packages that every service or action refers to
 ALWAYS = ("action_msgs", "service_msgs", "unique_identifier_msgs", "builtin_interfaces", "std_msgs")

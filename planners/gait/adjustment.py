@@ -33,16 +33,19 @@ from planners.gait.regions import (
     URGENT_REGIONS,
     Passage,
     Region,
+    Swiftness,
+    arrival,
     corner_between,
     divided,
     missed,
     region_boxes,
     region_limits,
+    way_within,
 )
 from planners.gait.swing import SwingState, Via
 
+_SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  #: Times at which a foot may pass a corner, of those that are left [-]
 _UNSOLVED = 1e6  #: Value of a QP without a solution [-]
-_PASSING = 1.5  #: Speed at a corner over the mean speed of the way behind it [-]
 
 
 class StepProblem(NamedTuple):
@@ -61,9 +64,11 @@ class StepProblem(NamedTuple):
     soonest: float  #: Least touchdown time [s]
     latest: float  #: Largest touchdown time [s]
     cop: Vector  #: Largest CoP offset to either side (2,) [m]
+    kept: bool  #: The foot is on its way into these bounds: the place in them nearest to its way is within reach
     place: Vector  #: From where the swing foot goes straight to the foothold: now, or a corner that it rounds (2,) [m]
+    velocities: Matrix  #: Of the swing foot there, largest backward and forward along each axis (2, 2) [m/s]
     leaves: float  #: When it leaves ``place``, from the start of the single support [s]
-    speed: float  #: Largest mean speed of the swing foot along each axis; infinite without a limit [m/s]
+    swiftness: Swiftness  #: Of the swing foot along each axis
 
 
 class Weights(NamedTuple):
@@ -80,7 +85,7 @@ class StepQP(NamedTuple):
 
     hessian: Matrix  #: (5, 5)
     gradient: Vector  #: (5,)
-    rows: Matrix  #: For the speed of the swing foot (4, 5)
+    rows: Matrix  #: For the way of the swing foot (4, 5)
     lower: Vector  #: Of the unknowns, then of the rows (9,)
     upper: Vector  #: Of the unknowns, then of the rows (9,)
 
@@ -108,11 +113,11 @@ class StepAdjustment:
 
     .. math::
         \min_{u, \tau, \delta} w_u |u - \bar u|^2 + w_\tau (\tau - \bar \tau)^2 + w_b |b - \bar b|^2 + w_p |\delta|^2
-        \quad \text{s.t. bounds on } u, \tau, \delta, \quad |u - u_{now}| \le v_{max} (T - t)
+        \quad \text{s.t. bounds on } u, \tau, \delta, \quad -w(T - t, -v) \le u - u_{now} \le w(T - t, v)
 
     The offset ``b`` is soft: it is the distance from a walk that can continue without end. The product of ``delta`` and
-    ``tau`` is linearised at the last time, and so is T, the logarithm of ``tau``, in the distance that the
-    foot can still cover: a farther foothold may be reached later.
+    ``tau`` is linearised at the last time, and so is the way w that a foot of velocity v still gets (``way_within``):
+    a farther foothold may be reached later.
 
     References:
         Khadiv, Herzog, Moosavian, Righetti: Walking control based on step timing adaptation, T-RO 2020, eq. 14-21.
@@ -171,13 +176,19 @@ def _assemble(p: StepProblem, weights: Weights, out: StepQP) -> float:
         rows[2 * i, i], rows[2 * i + 1, i] = 1.0, -1.0
         lower[i], upper[i] = p.lower[i], p.upper[i]
         lower[3 + i], upper[3 + i] = -p.cop[i], p.cop[i]
-    if p.speed < np.inf:
-        # T = planned + (tau - tau_0) / (omega tau_0)
-        at = min(max(p.planned, p.soonest), p.latest)
-        rows[:, 2] = -p.speed / (p.omega * math.exp(p.omega * at))
-        way = p.speed * (at - p.leaves - 1.0 / p.omega)
-        for i in range(2):
-            upper[5 + 2 * i], upper[6 + 2 * i] = way + p.place[i], way - p.place[i]
+    # T = planned + (tau - tau_0) / (omega tau_0)
+    at = min(max(p.planned, p.soonest), p.latest)
+    growth = p.omega * math.exp(p.omega * at)
+    for i in range(2):
+        for k in range(2):
+            sign = 1.0 - 2.0 * k
+            velocity = p.velocities[i, 1 - k]
+            way, rate = way_within(at - p.leaves, sign * velocity, p.swiftness)
+            if p.kept:
+                stop = p.place[i] + 0.5 * velocity * (at - p.leaves)
+                way = max(way, sign * (min(max(stop, p.lower[i]), p.upper[i]) - p.place[i]))
+            rows[2 * i + k, 2] = -rate / growth
+            upper[5 + 2 * i + k] = way - rate / p.omega + sign * p.place[i]
     return lacking
 
 
@@ -252,12 +263,12 @@ class StepPlanner:
         self._bounds = unbox(self._limits)
         law, reach = self._adjustment, config.reach
         boxes, self._corner = region_boxes(region_limits(reach)), (reach.cross_ahead, reach.width_min)
-        speed, quickest = config.swing.speed_max, config.timing.single_urgent
+        swiftness = Swiftness(config.swing.speed_max, config.swing.acceleration_max)
         nearest = soles.half - np.abs(soles.points - soles.centres)  # edge from the ZMP point (2, 2) [m]
         cop = config.adjustment.cop_share * nearest
         model = StepModel(soles.points, leg)
         self._nominal = _Nominal(*(np.zeros(2) for _ in _Nominal._fields))
-        self._soles, self._passage = soles, Passage(self._corner, boxes, speed, quickest)
+        self._soles, self._passage = soles, Passage(self._corner, boxes, swiftness, config.timing.single_urgent)
         self._setup = unbox(
             _Setup(model, law.going_on, law.ending, self._passage, cop, soles.half, law.qp, self._nominal)
         )
@@ -324,9 +335,11 @@ class StepPlanner:
         hold, time = Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega
         via, share, lead = None, None, config.swing.urgent_lead if walk.urgent else 0.0
         if not math.isnan(corner[0]):
-            if step.via is not None and step.region is region:
-                share = min(max((step.via.time - elapsed) / max(step.time - lead - elapsed, 1e-3), 0.0), 0.9)
-            via = _passing(walk.stance.moved(*corner), walk.liftoff, swing, hold, elapsed, time - lead, share)
+            via = step.via if step.region is region else None
+            if via is not None:
+                share = min(max((via.time - elapsed) / max(step.time - lead - elapsed, 1e-3), 0.0), 0.9)
+            if via is None or via.time - elapsed > 2.0 * config.swing.freeze:
+                via = _passing(walk.stance.moved(*corner), swing, hold, elapsed, time - lead, share)
         return PlannedStep(hold, time, end, solved, region, via, least)
 
     def _coming(self, walk: Walk) -> Matrix:
@@ -339,20 +352,38 @@ class StepPlanner:
         return preview_poses(walk.stance, walk.foot, command.velocity, period, self._bounds, count, steps_left)
 
 
-def _passing(
-    corner: Point, liftoff: Foothold, swing: SwingState, hold: Foothold, elapsed: float, end: float, share: float | None
-) -> Via:
+def _passing(corner: Point, swing: SwingState, hold: Foothold, elapsed: float, end: float, share: float | None) -> Via:
     """When and how fast a foot on its way to a foothold passes a corner in W (2,) [m].
 
-    ``share`` is that of the time to the ``end`` of the swing at which it does; as those of the ways when None.
+    ``share`` is that of the time to the ``end`` of the swing at which it does; of least effort when None.
     """
-    (x, y), (from_x, from_y) = corner, swing.position[:2].tolist()
-    before, after = math.hypot(x - from_x, y - from_y), max(math.hypot(hold.x - x, hold.y - y), 1e-6)
-    share = before / (before + after) if share is None else share
-    left = max(end - elapsed, 1e-3)
-    along_x, along_y = hold.x - liftoff.x, hold.y - liftoff.y
-    speed = _PASSING * after / (left * (1.0 - share)) / max(math.hypot(along_x, along_y), 1e-6)
-    return Via(x, y, (speed * along_x, speed * along_y), elapsed + left * share)
+    left, speeds = max(end - elapsed, 1e-3), swing.velocity[:2].tolist()
+    before = [corner[i] - swing.position[i] for i in range(2)]
+    after = [hold.x - corner[0], hold.y - corner[1]]
+    ways = list(zip(before, after, speeds, strict=True))
+    if share is None:
+        share = min(_SHARES, key=lambda share: sum(_effort(*way, left * share, left * (1.0 - share)) for way in ways))
+    x, y = (_passing_speed(*way, left * share, left * (1.0 - share)) for way in ways)
+    return Via(*corner, (x, y), elapsed + left * share)
+
+
+def _passing_speed(before: float, after: float, speed: float, first: float, last: float) -> float:
+    """Of the cubic spline that starts with a speed and ends at rest, between two ways in two times [m/s].
+
+    Not more than that from which on the first way begins backwards, for a run-up.
+    """
+    passing = (1.5 * (before / first**2 + after / last**2) - 0.5 * speed / first) / (1.0 / first + 1.0 / last)
+    most = 3.0 * before / first - 2.0 * speed
+    return min(max(passing, min(most, 0.0)), max(most, 0.0))
+
+
+def _effort(before: float, after: float, speed: float, first: float, last: float) -> float:
+    """Integral of the square of that spline's acceleration [m^2/s^3], over 4."""
+    passing = _passing_speed(before, after, speed, first, last)
+    return sum(
+        3.0 * way * (way - time * (start + end)) / time**3 + (start**2 + start * end + end**2) / time
+        for way, time, start, end in ((before, first, speed, passing), (after, last, passing, 0.0))
+    )
 
 
 @njit(cache=True)
@@ -400,8 +431,10 @@ def _assemble_step(
     swing_shift = rest_of_swing(omega, planned - elapsed, swing, body, model.leg)
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
     swing_place = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
-    rounds, crossing, speed = not math.isnan(corner[0]), region >= Region.FRONT, fixed.passage.speed
-    away = max(abs(corner[0] - swing_place[0]), abs(corner[1] - swing_place[1])) if rounds else 0.0
+    rounds, crossing, swiftness = not math.isnan(corner[0]), region >= Region.FRONT, fixed.passage.swiftness
+    moving, away = rotated(-yaw, motion[1, 0], motion[1, 1]), 0.0
+    if rounds:
+        away, moving = arrival(swing_place, moving, corner, swiftness)
     stance_centre, centre = model.points[1 - foot], model.points[foot]
     point = point_at(x, y, yaw, stance_centre[0], stance_centre[1])
     landing = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
@@ -410,6 +443,7 @@ def _assemble_step(
     free = rotated(-yaw, measured[0] - point[0] - swing_shift[0], measured[1] - point[1] - swing_shift[1])
     reach = fixed.passage.reach[region, foot]
     dcm_free, end, lower, upper, place = np.empty(2), np.empty(2), np.empty(2), np.empty(2), np.empty(2)
+    velocities = np.zeros((2, 2))
     for i in range(2):
         shift = zmp[i] - hold[i] - stance_centre[i]
         nominal.step[i], nominal.shift[i], nominal.offset[i] = hold[i] + shift, shift, offset[i]
@@ -419,6 +453,9 @@ def _assemble_step(
         # A foot that is still out of reach may stay in line with its place.
         place[i] = (min(max(at, reach[0, i]), reach[1, i]) if kept or not crossing else at) + shift
         nominal.dcm[i], nominal.place[i] = free[i], swing_place[i] + shift
+        # At a corner the foot may also be slower.
+        velocities[i, 0] = min(moving[i], 0.0) if rounds else moving[i]
+        velocities[i, 1] = max(moving[i], 0.0) if rounds else moving[i]
     problem = StepProblem(
         dcm_free,
         elapsed,
@@ -433,9 +470,11 @@ def _assemble_step(
         soonest,
         latest,
         fixed.cop[1 - foot],
+        kept,
         place,
-        elapsed + away / speed,
-        speed,
+        velocities,
+        elapsed + away,
+        swiftness,
     )
     return _assemble(problem, fixed.ending if ends else fixed.going_on, fixed.qp)
 

@@ -10,6 +10,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, NonNegative, Positive, Proportion, Share, default_config, overlaid
+from models.leg_shapes import foot_size
 from models.robot_model import RobotModel
 
 QUINTIC_PEAK = 15.0 / 8.0  #: Peak over mean speed of a quintic from rest to rest [-]
@@ -114,6 +115,7 @@ class SwingConfig:
     late_time: Positive  #: Time constant of a late foot's way to its target sideways [s]
     depth_max: Positive  #: How far below its target a late foot is lowered [m]
     speed_max: Positive  #: Largest mean horizontal speed by a step adjustment [m/s]
+    acceleration_max: Positive  #: Largest acceleration along each axis that a step adjustment counts on [m/s^2]
     speed_share: Positive  #: The same as a share of what the limits of the joints give the foot [-]
     urgent_lead: NonNegative  #: By how much earlier an urgent step aims to touch down [s]
     freeze: Positive  #: Time before touchdown at which the target is frozen [s]
@@ -207,6 +209,7 @@ class GaitConfig:
     """The gait."""
 
     leg: Positive  #: Hip height above the sole of the robot that the lengths are written for [m]
+    foot: tuple[Positive, Positive]  #: Length and width of the shape of its foot [m]
     zmp: Share  #: ZMP point of single support, from under the ankle (0) to the middle of the sole (1) [-]
     height_rate: Positive  #: Fastest rise of the CoM height reference [m/s]
     drop_rate: Positive  #: Fastest descent of the CoM height reference [m/s]
@@ -267,7 +270,7 @@ def _packaged(model: RobotModel) -> GaitConfig:
     own = f"gait_{model.name}"
     if (files("planners") / "config" / f"{own}.yaml").is_file():
         return default_config(GaitConfig, "planners", own)
-    config = scaled(default_config(GaitConfig, "planners", "gait"), leg_length(model))
+    config = scaled(default_config(GaitConfig, "planners", "gait"), leg_length(model), foot_size(model))
     fastest = min(config.swing.speed_max, config.swing.speed_share * foot_speed(model))
     return replace(config, swing=replace(config.swing, speed_max=fastest))
 
@@ -287,20 +290,28 @@ def leg_length(model: RobotModel) -> float:
     return float(data.oMi[hip].translation[2])
 
 
-def scaled(config: GaitConfig, leg: float) -> GaitConfig:
-    """The gait for legs of another length: lengths but widths scale with it, times and speeds with its root."""
-    length = leg / config.leg
+def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitConfig:
+    """The gait for a leg of another length and a foot of another length and width [m].
+
+    Lengths but widths scale with the leg, times and speeds with its root; what feet keep from each other with the foot.
+    """
+    length, reach = leg / config.leg, config.reach
     time = length**0.5
     return replace(
         config,
         leg=leg,
+        foot=foot,
         pace=replace(
             _times(config.pace, time, "forward", "lateral"),
             slow=_stride(config.pace.slow, length, time),
             fast=_stride(config.pace.fast, length, time),
         ),
         timing=_times(config.timing, time, "single_min", "single_urgent", "single_max", "start", "finish"),
-        reach=_times(config.reach, length, "forward", "backward", "cross_ahead"),
+        reach=replace(
+            _times(reach, length, "forward", "backward"),
+            cross_ahead=reach.cross_ahead + foot[0] - config.foot[0],
+            width_min=reach.width_min + foot[1] - config.foot[1],
+        ),
         velocity=_times(config.velocity, time, "forward", "backward", "lateral"),
         swing=_times(_times(config.swing, length, "rise_max"), time, "speed_max", "late_velocity"),
         route=_times(config.route, time, "forward", "lateral"),

@@ -57,12 +57,64 @@ def region_boxes(limits: tuple[StepLimits, ...]) -> Array:
     return boxes
 
 
+class Swiftness(NamedTuple):
+    """How fast a swing foot moves along an axis."""
+
+    speed: float  #: Largest mean speed [m/s]
+    acceleration: float  #: Largest acceleration [m/s^2]
+
+
+@register_jitable
+def way_within(time: float, velocity: float, swiftness: Swiftness) -> Point:
+    """How far a foot of this velocity gets and comes to rest in a time [m], and its derivative [m/s].
+
+    With too little time it brakes harder.
+    """
+    speed, most = swiftness
+    beyond = 0.25 * (most * time * time - velocity * velocity / most)
+    way, rate = 0.5 * velocity * time + max(beyond, 0.0), 0.5 * (velocity + (most * time if beyond > 0.0 else 0.0))
+    if way > speed * time:
+        return speed * time, speed
+    return way, max(rate, 0.0)
+
+
+@register_jitable
+def time_to(way: float, velocity: float, swiftness: Swiftness) -> float:
+    """Least time in which a foot of this velocity covers a way and goes on [s]."""
+    towards = velocity if way > 0.0 else -velocity
+    speed, most = swiftness
+    return max((math.sqrt(towards * towards + 2.0 * most * abs(way)) - towards) / most, abs(way) / speed)
+
+
+@register_jitable
+def time_to_rest(way: float, velocity: float, swiftness: Swiftness) -> float:
+    """Least time in which a foot of this velocity covers a way and comes to rest: the inverse of ``way_within`` [s]."""
+    towards = velocity if way > 0.0 else -velocity
+    speed, most = swiftness
+    return max((math.sqrt(2.0 * towards * towards + 4.0 * most * abs(way)) - towards) / most, abs(way) / speed)
+
+
+@register_jitable
+def arrival(place: Point, velocity: Point, corner: Point, swiftness: Swiftness) -> tuple[float, Point]:
+    """Least time to a corner of ``corner_between`` [s], and the velocity of the foot there [m/s].
+
+    The axis along which the foot may not go farther before the corner is that of x, but on the way back from across the
+    stance foot that of y. It comes to rest along it, and passes the corner along the other one without braking.
+    """
+    outside = place[1] == corner[1] or place[1] * corner[1] >= corner[1] * corner[1]
+    x, y = corner[0] - place[0], corner[1] - place[1]
+    rest, way, speed = (x, y, velocity[1]) if outside else (y, x, velocity[0])
+    time = max(time_to_rest(rest, velocity[0] if outside else velocity[1], swiftness), time_to(way, speed, swiftness))
+    passing = math.copysign(math.sqrt(speed * speed + 2.0 * swiftness[1] * abs(way)), way)
+    return time, ((0.0, passing) if outside else (passing, 0.0))
+
+
 class Passage(NamedTuple):
     """What a swing foot has to keep to, and what it can do."""
 
     corner: Point  #: Of the area around the stance foot that it must not enter: ahead, and to its own side [m]
     reach: Array  #: Of ``region_boxes``
-    speed: float  #: Of the foot [m/s]
+    swiftness: Swiftness  #: Of the foot
     quickest: float  #: Shortest single support [s]
 
 
@@ -105,7 +157,7 @@ def missed(dcm: Point, place: Point, foot: int, half: Array, omega: float, passa
     lands as near to it as its reach and its speed allow.
     """
     growth, box, square = math.exp(omega * passage.quickest), passage.reach[Region.URGENT, foot], 0.0
-    way = passage.speed * passage.quickest
+    way, _ = way_within(passage.quickest, 0.0, passage.swiftness)
     for i in range(2):
         cop = min(max(dcm[i], -half[i]), half[i])
         end = cop + (dcm[i] - cop) * growth

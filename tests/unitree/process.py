@@ -12,11 +12,13 @@ import os
 import select
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from bridge.plants.unitree.simulated import STEP, GantryRobot
+from bridge.plants.gantry import STEP
+from bridge.plants.unitree.simulated import GantryRobot
 from bridge.plants.unitree.wire import read_low_cmd
 from models.nodes.realtime import use_fifo
 from models.types import JointCommand
@@ -76,18 +78,19 @@ class RosSide:
     def __init__(self, robot: GantryRobot, interface: str, domain: int) -> None:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-        from bridge.plants.unitree.link import RELEASE, SENSOR, VERSION, _ignore, _join
+        from bridge.plants.participant import SENSOR, ignore, join
+        from bridge.plants.unitree.link import RELEASE, VERSION
         from models.nodes.interfaces import interface as find
 
         self._robot = robot
-        _, self._node = _join(domain, "robot")
+        _, self._node = join(domain, "robot")
         best = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._states = self._node.create_publisher(find("unitree_hg", "msg", "LowState"), "lowstate", best)
         self._commands = self._node.create_subscription(
-            find("unitree_hg", "msg", "LowCmd"), "lowcmd", _ignore, SENSOR, raw=True
+            find("unitree_hg", "msg", "LowCmd"), "lowcmd", ignore, SENSOR, raw=True
         )
         request, self._response = (find("unitree_api", "msg", name) for name in ("Request", "Response"))
-        self._requests = self._node.create_subscription(request, "api/motion_switcher/request", _ignore, 10)
+        self._requests = self._node.create_subscription(request, "api/motion_switcher/request", ignore, 10)
         self._responses = self._node.create_publisher(self._response, "api/motion_switcher/response", 10)
         self._version, self._release = VERSION, RELEASE
         self.sent: dict[int, float] = {}
@@ -105,9 +108,9 @@ class RosSide:
                 del self.sent[next(iter(self.sent))]
 
     def take(self) -> None:
-        from bridge.plants.unitree.link import _take, _take_all
+        from bridge.plants.participant import take, take_all
 
-        for data in _take_all(self._commands):
+        for data in take_all(self._commands):
             if not self.connected:
                 continue
             now = time.monotonic()
@@ -118,7 +121,7 @@ class RosSide:
                 self.answers.append(now - since)
             self.gaps.append(now - self._last)
             self._last = now
-        while (request := _take(self._requests)) is not None:
+        while (request := take(self._requests)) is not None:
             response = self._response()
             response.header.identity = request.header.identity
             if request.header.identity.api_id == self._release:
@@ -132,11 +135,11 @@ class RosSide:
 class Program:
     """Paces the robot and answers the lines of the standard input."""
 
-    def __init__(self, side: str, interface: str, domain: int, rate: float = 500.0, speed: float = 1.0) -> None:
+    def __init__(self, robot: Any, make_side: Callable[[Any], Any], speed: float = 1.0) -> None:
         self._answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
         os.dup2(2, 1)  # what the SDK prints is no answer
-        self.robot = GantryRobot(rate=rate, released=side == "sdk")
-        self.side: Any = {"sdk": SdkSide, "ros": RosSide}[side](self.robot, interface, domain)
+        self.robot = robot
+        self.side = make_side(robot)
         self.speed = speed
         self.late = 0.0  # of the physics behind the clock [s]
         self.skipped = 0
@@ -186,7 +189,7 @@ class Program:
             "load": self.robot.plant.load,
             "received": self.robot.received,
             "refused": self.robot.refused,
-            "vendor": self.robot.vendor,
+            "vendor": getattr(self.robot, "vendor", ""),
             "late": self.late,
             "stalls": self.skipped,
             "answer_ms": [round(1e3 * float(np.nanpercentile(answers, q)), 2) for q in (50, 99, 100)],
@@ -236,4 +239,8 @@ class Program:
 
 if __name__ == "__main__":
     kind, where, in_domain, *numbers = sys.argv[1:]
-    Program(kind, where, int(in_domain), *(float(each) for each in numbers)).run()
+    rate, speed = (*map(float, numbers), *(500.0, 1.0)[len(numbers) :])
+    side = {"sdk": SdkSide, "ros": RosSide}[kind]
+    Program(
+        GantryRobot(rate=rate, released=kind == "sdk"), lambda robot: side(robot, where, int(in_domain)), speed
+    ).run()

@@ -17,7 +17,7 @@ from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 
 from bridge.launch.graph import Graph
-from bridge.launch.unitree import unitree_options
+from bridge.launch.hardware import hardware_options
 from bridge.ros.processes import process_specs
 from models.errors import PoiseError
 from models.nodes import topics
@@ -29,17 +29,24 @@ LOOPBACK = Path(__file__).resolve().parents[2] / "bridge" / "config" / "loopback
 
 
 class RobotProcess:
-    """``tests/unitree/process.py``, called over its pipes; ``command`` runs it on another machine."""
+    """A ``module`` such as ``tests.unitree.process``, called over its pipes; ``command`` runs it on another machine."""
 
     def __init__(
-        self, side: str, interface: str, folder: Path, *numbers: float, command: Sequence[str] = (), domain: int = 0
+        self,
+        side: str,
+        interface: str,
+        folder: Path,
+        *numbers: object,
+        command: Sequence[str] = (),
+        domain: int = 0,
+        module: str = "tests.unitree.process",
     ) -> None:
         environment: Mapping[str, str] = os.environ
         if interface == "lo":
             local = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(LOOPBACK), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
             environment = {**os.environ, **local}
         self._errors = (folder / "robot.log").open("wb")
-        words = [sys.executable, "-m", "tests.unitree.process", side, interface, str(domain), *map(str, numbers)]
+        words = [sys.executable, "-m", module, side, interface, str(domain), *map(str, numbers)]
         self._process = subprocess.Popen(
             [*command, *words], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
             text=True,
@@ -78,21 +85,28 @@ class Session:
         interface: str = "lo",
         robot_interface: str = "lo",
         robot_domain: int = 0,
-        rate: int = 500,
+        rate: int | None = 500,
         speed: float = 1.0,
         command: Sequence[str] = (),
+        plant: str = "unitree",
+        robot: str = "g1",
+        plant_options: str = "",
+        module: str = "tests.unitree.process",
     ) -> None:
+        numbers = [rate, speed] if plant == "unitree" else [robot, plant_options or "{}", speed]
         os.environ["XDG_STATE_HOME"] = str(folder / "state")
         os.environ["ROS_DOMAIN_ID"] = str(graph_domain)
-        self.robot = RobotProcess(side, robot_interface, folder, rate, speed, command=command, domain=robot_domain)
+        self.robot = RobotProcess(
+            side, robot_interface, folder, *numbers, command=command, domain=robot_domain, module=module
+        )
         try:
-            profile, given = unitree_options("g1", interface, robot_domain, rate, "")
+            profile, given = hardware_options(plant, robot, interface, robot_domain, rate, plant_options)
             self.graph = Graph(
                 profile,
                 domain_id=graph_domain,
                 specs=given["robot_network"].processes(process_specs("shared"), profile),
                 parameters={
-                    "robot_driver": {"plant": "unitree", "plant_options": given["plant_options"]}, **given["rates"]
+                    "robot_driver": {"plant": plant, "plant_options": given["plant_options"]}, **given["rates"]
                 },
                 log=folder / "graph.log",
                 say=lambda text: None,

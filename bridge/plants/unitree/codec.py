@@ -1,9 +1,10 @@
-"""LowState to sensor data, joint commands to LowCmd, the robot's clock, and the buttons of the remote controller."""
+"""LowState to sensor data, joint commands to LowCmd, and the buttons of the remote controller."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from bridge.plants.hardware import RobotClock
 from bridge.plants.unitree.wire import MOTORS, new_low_cmd, read_low_state, write_low_cmd
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
@@ -25,39 +26,10 @@ ENABLED = 1  #: ``mode`` of a drive that executes its command
 #: First reserved word of a LowCmd of the driver, and of its guard; the robot ignores it
 MARK, GUARD_MARK = 0x504F4953, 0x504F4947
 _MARK_AT, _SESSION_AT = -20, -12  #: Bytes of that word and of the session in a serialised LowCmd, from its end
-TICK_WRAP = 1 << 32  #: Ticks after which the robot's counter begins again
-TICK = 0.001  #: Length of a tick [s]
 #: Buttons of the remote controller by bit, from byte 2 of ``wireless_remote``
 BUTTONS = ("R1", "L1", "start", "select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left")
 _XYZW = [1, 2, 3, 0]  #: Order of a quaternion wxyz as xyzw
 _BUTTONS_AT = 2  #: Byte of the first eight buttons in ``wireless_remote``
-
-
-class TickClock:
-    """Time from the robot's tick [ms], which wraps, and begins again when the robot restarts.
-
-    The time advances by the difference of two ticks. A tick that goes back, or that jumps ahead by more than
-    ``gap_max`` [s], is a restart: the time advances by one ``period`` [s] and ``restarts`` counts it.
-    """
-
-    def __init__(self, period: float, gap_max: float) -> None:
-        self._period, self._gap_max = max(round(period / TICK), 1), round(gap_max / TICK)
-        self._last: int | None = None
-        self._ms = 0
-        self.restarts = 0  #: Jumps of the robot's clock
-
-    def step(self, tick: int) -> float:
-        """Time at a tick [s]; the same for a repeated tick."""
-        if self._last is None:
-            self._ms = self._period
-        else:
-            ahead = (tick - self._last) % TICK_WRAP
-            if ahead > self._gap_max:
-                self.restarts += 1
-                ahead = self._period
-            self._ms += ahead
-        self._last = tick
-        return self._ms * TICK
 
 
 class LowSample(NamedTuple):
@@ -86,7 +58,7 @@ class UnitreeCodec:
     Values of the feet are nan: the robot does not measure them. A LowCmd carries the ``session`` of its driver.
     """
 
-    def __init__(self, model: RobotModel, clock: TickClock, session: int = 0) -> None:
+    def __init__(self, model: RobotModel, clock: RobotClock, session: int = 0) -> None:
         if model.joint_names != G1_JOINTS:
             raise ConfigError(
                 f"robot '{model.name}': unitree_hg is known for the 29 joints of a G1 in their order; this robot has "

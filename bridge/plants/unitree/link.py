@@ -8,24 +8,17 @@ import json
 import time
 from typing import Any, Protocol
 
-import rclpy
-from rclpy.context import Context
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
+from bridge.plants.participant import QUEUE, SENSOR, ignore, join, take, take_all
 from models.errors import MessageError
 from models.nodes.interfaces import interface
-from models.nodes.spin import log_arguments
 
 VERSION, CHECK, RELEASE = 1, 1001, 1003  #: Functions of the motion switcher
 SWITCHER = "api/motion_switcher"  #: Its topics are ``request`` and ``response`` below this name
 RETRY = 0.5  #: Time without an answer after which a request is repeated [s]
 LOOK = 0.02  #: Time between two checks for an answer [s]
-QUEUE = 32  #: Messages kept between two ticks
-SENSOR = QoSProfile(depth=QUEUE, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class RobotLink(Protocol):
@@ -62,11 +55,11 @@ class DdsLink(RobotLink):
     def __init__(self, domain: int) -> None:
         state, command = (interface("unitree_hg", "msg", name) for name in ("LowState", "LowCmd"))
         self._request_type, response = (interface("unitree_api", "msg", name) for name in ("Request", "Response"))
-        self._context, self._node = _join(domain, "poise_unitree")
+        self._context, self._node = join(domain, "poise_unitree")
         node, reliable = self._node, QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-        self._states = node.create_subscription(state, "lowstate", _ignore, SENSOR, raw=True)
-        self._echo = node.create_subscription(command, "lowcmd", _ignore, SENSOR, raw=True)
-        self._responses = node.create_subscription(response, f"{SWITCHER}/response", _ignore, QoSProfile(depth=QUEUE))
+        self._states = node.create_subscription(state, "lowstate", ignore, SENSOR, raw=True)
+        self._echo = node.create_subscription(command, "lowcmd", ignore, SENSOR, raw=True)
+        self._responses = node.create_subscription(response, f"{SWITCHER}/response", ignore, QoSProfile(depth=QUEUE))
         self._commands = node.create_publisher(command, "lowcmd", reliable)
         self._requests = node.create_publisher(self._request_type, f"{SWITCHER}/request", reliable)
         self._id = time.monotonic_ns()
@@ -77,20 +70,20 @@ class DdsLink(RobotLink):
         self._version = ""
 
     def take(self) -> list[bytes]:
-        return _take_all(self._states)
+        return take_all(self._states)
 
     def send(self, data: bytes) -> None:
         self._commands.publish(data)
 
     def commands(self) -> list[bytes]:
-        return _take_all(self._echo)
+        return take_all(self._echo)
 
     def vendor(self) -> str | None:
         now = time.monotonic()
         if now - self._looked < LOOK:
             return self._vendor
         self._looked = now
-        while (response := _take(self._responses)) is not None:
+        while (response := take(self._responses)) is not None:
             if response.header.identity.id == self._pending:
                 self._vendor = _name_of(response)
             elif response.header.identity.id == self._asked_version and not response.header.status.code:
@@ -134,13 +127,13 @@ class CommandLink:
 
     def __init__(self, domain: int) -> None:
         command = interface("unitree_hg", "msg", "LowCmd")
-        self._context, self._node = _join(domain, "poise_guard")
-        self._reader = self._node.create_subscription(command, "lowcmd", _ignore, SENSOR, raw=True)
+        self._context, self._node = join(domain, "poise_guard")
+        self._reader = self._node.create_subscription(command, "lowcmd", ignore, SENSOR, raw=True)
         self._writer = self._node.create_publisher(command, "lowcmd", QoSProfile(depth=1))
 
     def take(self) -> list[bytes]:
         """Serialised LowCmds since the last call, the oldest first, those of this link included."""
-        return _take_all(self._reader)
+        return take_all(self._reader)
 
     def send(self, data: bytes) -> None:
         """Publish a serialised LowCmd."""
@@ -150,39 +143,6 @@ class CommandLink:
         """Leave the robot's domain."""
         self._node.destroy_node()
         try_shutdown(context=self._context)
-
-
-def _join(domain: int, name: str) -> tuple[Any, Any]:
-    """A context in a DDS domain and a silent node in it: without parameters, logs and services."""
-    context = Context()
-    rclpy.init(args=log_arguments(), context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node = Node(
-        name,
-        context=context,
-        use_global_arguments=False,
-        enable_rosout=False,
-        start_parameter_services=False,
-        parameter_overrides=[Parameter("start_type_description_service", value=False)],
-    )
-    return context, node
-
-
-def _take_all(subscription: Any) -> list[bytes]:
-    found: list[bytes] = []
-    while len(found) < QUEUE and (data := _take(subscription)) is not None:
-        found.append(bytes(data))
-    return found
-
-
-def _ignore(message: Any) -> None:
-    """Callback of polled subscriptions; never called."""
-
-
-def _take(subscription: Any) -> Any:
-    """Next message of a subscription, serialised where it is raw; None without one."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-    return None if taken is None else taken[0]
 
 
 def _name_of(response: Any) -> str:

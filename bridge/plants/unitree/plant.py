@@ -1,33 +1,25 @@
 """A Unitree humanoid by its low-level protocol: the robot as the driver program sees it."""
 
 import secrets
-import time
 from collections.abc import Mapping
-from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 
-from bridge.plants.base import HardwarePlant
-from bridge.plants.unitree.codec import BUTTONS, LowSample, TickClock, UnitreeCodec, is_foreign, joint_command
+from bridge.plants.hardware import GAP_MAX, RealPlant, RobotClock
+from bridge.plants.unitree.codec import BUTTONS, LowSample, UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.link import DdsLink, RobotLink
 from bridge.plants.unitree.monitors import HardwareMonitor
 from bridge.plants.unitree.wire import read_low_cmd
-from controllers.joints.joint_servo import damping_command, fade_to_damping
+from controllers.joints.joint_servo import damping_command
 from models.errors import ConfigError, MessageError
-from models.files import state_folder
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
-GAP_MAX = 2.0  #: Largest step of the robot's tick that is no restart [s]
-RATE_TOLERANCE = 0.1  #: Relative deviation of the rate of the states that is accepted at the start [-]
-RATE_WINDOW = 0.5  #: Over which that rate is measured [s]
-CLOSE_COMMANDS, CLOSE_PERIOD = 100, 0.002  #: Commands with which ``close`` damps, and the time between two [s]
 LAST_COMMANDS = 5  #: Commands with which ``hand_over`` ends the guard, too: some may be lost
 RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
 
 
-class UnitreePlant(HardwarePlant):
+class UnitreePlant(RealPlant):
     """LowState in, LowCmd with the drives' own PD law out, on the clock of the robot's tick.
 
     The samples between two ticks are all read: a press of a button in any of them is seen. Those with a wrong checksum
@@ -36,7 +28,7 @@ class UnitreePlant(HardwarePlant):
 
     Args:
         model: The robot, with a section ``hardware`` in its profile.
-        network_interface: Of this computer, to the robot; only named in messages, see ``bridge/launch/unitree.py``.
+        network_interface: Of this computer, to the robot; only named in messages, see ``bridge/launch/hardware.py``.
         domain: DDS domain of the robot.
         rate: Rate of the robot's states and of the commands [Hz]: 500 or 1000.
         marker: File that marks an unfinished run; that of the interface when empty.
@@ -69,40 +61,20 @@ class UnitreePlant(HardwarePlant):
                 f"robot '{model.name}': hardware.stop_buttons: unknown {', '.join(sorted(unknown))}; known: "
                 f"{', '.join(BUTTONS)}"
             )
-        self._period = 1.0 / rate
+        super().__init__(model, "unitree", f"{network_interface}-{domain}", marker, 1.0 / rate)
         self._session = secrets.randbits(32)
-        self._clock = TickClock(self._period, GAP_MAX)
+        self._clock = RobotClock(self._period, GAP_MAX)
         self._codec = UnitreeCodec(model, self._clock, self._session)
         self._hardware, self._where = hardware, f"{network_interface}, domain {domain}"
         self.monitor = HardwareMonitor(model, hardware, self._period)
-        nothing = np.full(model.nj, np.nan)
-        three = np.full(3, np.nan)
-        self._sensors = SensorData(0.0, nothing, nothing, nothing, three, three, np.full((2, 6), np.nan))
         self._sample: LowSample | None = None
-        self._previous = 0.0  # time of the last sample [s]
-        self._rate = 0.0
-        self._counted, self._counted_since = 0, 0.0
-        self._silent = 0.0  # time without a state [s]
-        self._restarts = self._restarts_seen = 0
-        self._stop = ""
+        self._restarts_seen = 0
         self._fault: str | None = None  # of the motion switcher
         self.refused = 0  #: States with a wrong checksum or size
-        self.lost = 0  #: States that did not arrive
         self._why = ""
-        self._model = model
-        self._sent = b""  # the last command
         self._foreign = 0  # commands of other programs since the last sample
-        folder = Path(marker) if marker else state_folder("unitree") / f"{network_interface}-{domain}"
-        self._marker = folder
-        self._crashed = folder.exists()
-        self._marked = False
         self._link: RobotLink = DdsLink(domain) if link is None else link
-        self._closed = False
         self._waiting: list[bytes] = []  # taken from the link, and not read yet
-
-    @property
-    def period(self) -> float:
-        return self._period
 
     def read(self) -> SensorData:
         self._stop = ""
@@ -113,7 +85,7 @@ class UnitreePlant(HardwarePlant):
             self._foreign += foreign
         waiting, self._waiting = [*self._waiting, *self._link.take()], []
         samples = [sample for data in waiting if (sample := self._decode(data)) is not None]
-        self._silent = 0.0 if samples else self._silent + self._period
+        self.counter.idle(arrived=bool(samples))
         for sample in samples:
             self._accept(sample)
         if self._clock.restarts > self._restarts_seen:
@@ -139,90 +111,47 @@ class UnitreePlant(HardwarePlant):
 
     def _accept(self, sample: LowSample) -> None:
         """Take over one sample: buttons, rate, lost states, monitors."""
-        t = sample.sensors.t
-        step = t - self._previous
         if pressed := self._stop_buttons & sample.pressed:
             self._stop = f"button {', '.join(sorted(pressed))} of the remote controller"
-        if step <= 0.0 and self._sample is not None:
+        if self._sample is not None and sample.sensors.t <= self._sample.sensors.t:
             return  # a repeated sample
-        lost = 0 if self._sample is None else max(round(step / self._period) - 1, 0)
-        self.lost += lost
+        step, lost = self.counter.step(sample.sensors.t)
         self.monitor.step(sample, lost, step, self._foreign)
         self._foreign = 0
-        self._counted += 1
-        if t - self._counted_since >= RATE_WINDOW:
-            self._rate = self._counted / (t - self._counted_since)
-            self._counted, self._counted_since = 0, t
         if self._sample is not None and sample.mode_machine != self._sample.mode_machine:
             self._stop = self._stop or f"mode_machine changed to {sample.mode_machine}"
-        self._sample, self._previous = sample, t
+        self._sample = sample
         self._sensors = sample.sensors
 
-    def write(self, command: JointCommand) -> None:
-        """Send a command; before the first state nothing is sent: the type of the robot must be echoed."""
-        if self._sample is None or self._closed:
-            return
-        if not self._marked:
-            self._marked = True
-            self._marker.parent.mkdir(parents=True, exist_ok=True)
-            self._marker.touch()
-        self._sent = self._codec.encode(command, self._sample.mode_machine, self._sample.tick)
-        self._link.send(self._sent)
+    def _encode_command(self, command: JointCommand, *, last: bool = False) -> bytes:
+        """LowCmd of a command; the type of the robot is echoed."""
+        sample = self._sample
+        mode_machine, tick = (0, 0) if sample is None else (sample.mode_machine, sample.tick)
+        return self._codec.encode(command, mode_machine, tick, last)
+
+    def _decode_command(self, data: bytes) -> JointCommand:
+        return joint_command(read_low_cmd(data), self._model.nj)
 
     def hand_over(self) -> None:
-        if self._sample is not None and not self._closed:
-            data = self._codec.encode(damping_command(self._model), self._sample.mode_machine, last=True)
+        if self._sampled and not self._closed:
+            data = self._encode_command(damping_command(self._model), last=True)
             for _ in range(LAST_COMMANDS):
                 self._link.send(data)
-        self._marked = self._crashed = False
-        self._unmark()
-
-    def _unmark(self) -> None:
-        with suppress(OSError):
-            self._marker.unlink(missing_ok=True)
-
-    def close(self) -> None:
-        """Damp the joints, also when the robot was not commanded by this driver after a crash; leave the domain.
-
-        The torque of the last command fades.
-        """
-        if self._closed:
-            return
-        self._closed = True
-        if self._sample is not None and (self._marked or self._crashed):
-            model, last = self._model, damping_command(self._model)
-            if self._sent:
-                last = joint_command(read_low_cmd(self._sent), model.nj)
-            for count in range(CLOSE_COMMANDS):
-                command = fade_to_damping(model, last, count * CLOSE_PERIOD)
-                self._link.send(self._codec.encode(command, self._sample.mode_machine))
-                time.sleep(CLOSE_PERIOD)
-        self._link.close()
-        if self._sample is not None or self._marked:
-            self._unmark()
-
-    @property
-    def crashed(self) -> bool:
-        """Whether the marker of an unfinished run was there at the start."""
-        return self._crashed
+        self._marker.remove()
 
     @property
     def findings(self) -> tuple[str, ...]:
         """Failed checks of the robot's messages."""
-        sample, found = self._sample, []
+        sample, found = self._sample, list[str]()
         if self._closed:
             return ("the connection was closed with the driver's deactivation: clean it up and configure it again",)
         if sample is None:
             why = f"; refused: {self._why}" if self._why else ", check cable, address and domain"
             return (f"no lowstate on {self._where}{why}",)
-        if self._silent > RATE_WINDOW:
-            found.append(f"no lowstate for {self._silent:.1f} s")
+        found += self.counter.findings("lowstate")
         if self.refused and self._why:
             found.append(f"{self.refused} states refused: {self._why}")
             self._why = ""
-        expected = 1.0 / self._period
-        if abs(self._rate - expected) > RATE_TOLERANCE * expected:
-            found.append(f"lowstate at {self._rate:.0f} Hz instead of {expected:.0f} Hz")
         if sample.mode_machine != self._hardware.mode_machine:
             found.append(
                 f"mode_machine {sample.mode_machine} is another robot than the profile's {self._hardware.mode_machine}"
@@ -253,11 +182,6 @@ class UnitreePlant(HardwarePlant):
         self._link.release()
 
     @property
-    def stop(self) -> str:
-        """Reason to damp, of the newest ``read``."""
-        return self._stop
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the monitors."""
         return self.monitor.warnings
@@ -273,9 +197,9 @@ class UnitreePlant(HardwarePlant):
         vendor = self.vendor
         return {
             **self.monitor.values,
-            "state rate [Hz]": f"{self._rate:.0f}",
+            "state rate [Hz]": f"{self.counter.rate:.0f}",
             "states refused": str(self.refused),
-            "states lost": str(self.lost),
+            "states lost": str(self.counter.lost),
             "restarts of the robot": str(self._clock.restarts),
             "vendor's controller": "unknown" if vendor is None else vendor or "released",
             "motion switcher": self._link.version() or "version unknown",

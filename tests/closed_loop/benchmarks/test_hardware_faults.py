@@ -58,6 +58,6 @@ def test_a_guard_that_does_not_fade_steps(monkeypatch: pytest.MonkeyPatch) -> No
     def at_once(model: RobotModel, last: JointCommand, elapsed: float) -> JointCommand:
         return damping_command(model)
 
-    monkeypatch.setattr("bridge.plants.unitree.guard.fade_to_damping", at_once)
+    monkeypatch.setattr("bridge.plants.guard.fade_to_damping", at_once)
     case = measure("g1", 0, "driver_killed_walk")
     assert case["torque_step_nm"] > 30.0  # 0.7 N.m with the fade

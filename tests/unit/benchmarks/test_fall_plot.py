@@ -27,7 +27,7 @@ def loop() -> ClosedLoop:
     loop = ClosedLoop("g1", record_period_s=0.01)
     loop.run(0.3)
     loop.command("walk")
-    loop.apply_push((0.0, 500.0, 0.0), 0.1)
+    loop.apply_push((0.0, 800.0, 0.0), 0.1)
     while not loop.fallen and loop.t < 6.0:
         loop.run(0.02)
     assert loop.fallen

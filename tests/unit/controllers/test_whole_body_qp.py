@@ -15,6 +15,7 @@ from controllers.qp.active_set import QP, kkt_residual
 from controllers.qp.solve import QPSolver, backends
 from controllers.whole_body.config import WholeBodyConfig
 from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.leg_clearance import LegClearanceLimit
 from controllers.whole_body.limits import JointLimit, TorqueLimit, WrenchConeLimit
 from models.config import default_config
 from models.errors import ConfigError
@@ -177,8 +178,11 @@ def full_solution(
     base[:, :nv] = terms.mass_matrix[:6]
     torque_rows = np.zeros((model.nj, n))
     torque_rows[:, :nv] = terms.mass_matrix[6:]
-    inequalities, bounds = [], []
-    joints, cones, torques = (controller.limits[name] for name in ("joints", "wrench_cone", "torque"))
+    joints, cones, torques, legs = (
+        controller.limits[name] for name in ("joints", "wrench_cone", "torque", "leg_clearance")
+    )
+    assert isinstance(legs, LegClearanceLimit)
+    inequalities, bounds = [np.hstack([legs.matrix, np.zeros((len(legs.lower), n - nv))])], [legs.lower]
     assert isinstance(joints, JointLimit) and isinstance(cones, WrenchConeLimit) and isinstance(torques, TorqueLimit)
     for k, foot in enumerate(active):
         span = slice(nv + 6 * k, nv + 6 * k + 6)

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from bridge.launch.robot_network import LOOPBACK, RobotNetwork, interface_address, profile_text
-from bridge.plants.unitree.codec import TickClock, UnitreeCodec, is_foreign, joint_command
-from bridge.plants.unitree.guard import SILENCE, DampingGuard
+from bridge.plants.guard import SILENCE
+from bridge.plants.hardware import RobotClock
+from bridge.plants.unitree.codec import UnitreeCodec, is_foreign, joint_command
+from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.monitors import HardwareMonitor
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.wire import LOW_STATE, new_low_cmd, read_low_cmd, write_low_cmd, write_low_state
@@ -25,7 +27,7 @@ def hardware() -> RobotModel:
 
 def command_of(model: RobotModel) -> bytes:
     rows = np.ones((5, model.nj))
-    return UnitreeCodec(model, TickClock(0.002, 1.0)).encode(JointCommand(*rows), 5)
+    return UnitreeCodec(model, RobotClock(0.002, 1.0)).encode(JointCommand(*rows), 5)
 
 
 def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> None:
@@ -70,13 +72,13 @@ def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
 def test_the_guard_does_not_damp_after_the_drivers_last_command(g1: RobotModel) -> None:
     guard, rows = DampingGuard(g1), np.ones((5, g1.nj))
     guard.receive(command_of(g1), 0.0)
-    guard.receive(UnitreeCodec(g1, TickClock(0.002, 1.0)).encode(JointCommand(*rows), 5, last=True), 0.002)
+    guard.receive(UnitreeCodec(g1, RobotClock(0.002, 1.0)).encode(JointCommand(*rows), 5, last=True), 0.002)
     assert not guard.armed and guard.step(1.0) is None
 
 
 def test_commands_of_other_programs_are_recognised(g1: RobotModel) -> None:
     rows = JointCommand(*np.ones((5, g1.nj)))
-    own, other = (UnitreeCodec(g1, TickClock(0.002, 1.0), session).encode(rows, 5) for session in (7, 8))
+    own, other = (UnitreeCodec(g1, RobotClock(0.002, 1.0), session).encode(rows, 5) for session in (7, 8))
     assert not is_foreign(own, 7) and is_foreign(other, 7) and is_foreign(write_low_cmd(new_low_cmd()), 7)
     guard = DampingGuard(g1)
     guard.receive(other, 0.0)
@@ -93,7 +95,7 @@ def watch(
     monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 0, foreign: int = 0, **values: float
 ) -> None:
     """Feed states with the same values for all motors, or for the motor with index ``joint``."""
-    codec = UnitreeCodec(model, TickClock(0.002, 1.0))
+    codec = UnitreeCodec(model, RobotClock(0.002, 1.0))
     record = np.zeros(1, LOW_STATE)[0]
     motors = record["motor_state"]
     motors["temperature"], motors["vol"] = 40, 50.0

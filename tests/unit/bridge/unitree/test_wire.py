@@ -5,7 +5,8 @@ import struct
 import numpy as np
 import pytest
 
-from bridge.plants.unitree.codec import BUTTONS, G1_JOINTS, LowSample, TickClock, UnitreeCodec, joint_command
+from bridge.plants.hardware import RobotClock
+from bridge.plants.unitree.codec import BUTTONS, G1_JOINTS, LowSample, UnitreeCodec, joint_command
 from bridge.plants.unitree.wire import (
     LOW_CMD,
     LOW_STATE,
@@ -52,7 +53,7 @@ def random_state() -> np.void:
 
 
 def codec(model: RobotModel) -> UnitreeCodec:
-    return UnitreeCodec(model, TickClock(0.002, 1.0))
+    return UnitreeCodec(model, RobotClock(0.002, 1.0))
 
 
 def sample(model: RobotModel, **changes: object) -> LowSample:
@@ -159,7 +160,7 @@ def test_another_robot_is_refused(talos: RobotModel) -> None:
 
 
 def test_time_follows_the_tick() -> None:
-    clock = TickClock(0.002, 1.0)
+    clock = RobotClock(0.002, 1.0)
     assert [clock.step(tick) for tick in (5000, 5002, 5002, 5004, 5010)] == pytest.approx(
         [0.002, 0.004, 0.004, 0.006, 0.012]
     )
@@ -167,7 +168,7 @@ def test_time_follows_the_tick() -> None:
 
 
 def test_time_goes_on_over_a_wrap_and_a_restart() -> None:
-    clock = TickClock(0.002, 1.0)
+    clock = RobotClock(0.002, 1.0)
     times = [clock.step(tick) for tick in (2**32 - 2, 0, 2, 900_000, 900_002, 4, 6)]
     assert np.diff(times) == pytest.approx([0.002] * 6)
     assert clock.restarts == 2  # a jump ahead by minutes, and one back

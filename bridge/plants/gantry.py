@@ -1,0 +1,190 @@
+"""A simulated robot that hangs from a gantry, in MuJoCo: rope, drives, IMU; no protocol, no ROS, no DDS."""
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from bridge.plants.deviation import Deviation
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.sensors import SensorErrors
+from models.constants import GRAVITY
+from models.mujoco_model import mujoco_to_pin
+from models.robot_model import RobotModel
+from models.types import JointCommand, Vector
+
+STEP = 0.001  #: Physics and drives [s]
+ROPE_STIFFNESS, ROPE_DAMPING, ROPE_DRAG = 6000.0, 600.0, 40.0  #: [N/m], [N.s/m], [N.s/m] across the rope
+HOOK = (0.0, 0.0, 0.45)  #: Where the rope is tied, in the frame of the torso [m]
+LIFT = 0.10  #: Height of the soles above the floor at the start [m]
+
+
+class HangingRobot:
+    """The robot's side of a protocol, stepped by 1 ms; it hangs from a rope at its torso.
+
+    The drives execute the last command for ever, and have no torque before the first.
+
+    Args:
+        robot: Profile of the simulated robot.
+        rate: Rate of the states [Hz].
+        seed: Of the sensor noise.
+        deviation: Differences of the simulated robot from its profile; none when None.
+        options: Of ``MujocoPlant``.
+    """
+
+    def __init__(
+        self,
+        robot: str = "g1",
+        *,
+        rate: float = 500.0,
+        seed: int = 0,
+        deviation: Deviation | None = None,
+        **options: Any,
+    ) -> None:
+        self.model = RobotModel.load(robot)
+        if deviation is not None:
+            options["sensor_errors"] = SensorErrors(encoder_offsets=deviation.encoder_offsets(self.model, seed))
+        self.plant = MujocoPlant(self.model, seed=seed, timestep=STEP, **options)
+        if deviation is not None:
+            deviation.apply(self.plant, seed)
+        self.ticks = round(1.0 / (rate * STEP))  #: Physics steps of a state
+        self.tick = 0  #: Physics steps so far [ms]
+        self.refused = 0  #: Commands that were not valid
+        self.received = 0  #: Commands that were
+        self.command: JointCommand | None = None
+        self._torso = self.plant.mujoco.bodies["torso"]
+        self.plant.hoist(LIFT)
+        self.plant.release()
+        weight = GRAVITY * float(self.plant.model.body_mass.sum())
+        hook = self._hook()
+        self._anchor = hook + np.array([0.0, 0.0, 1.0])
+        self._length = 1.0 - weight / ROPE_STIFFNESS  #: Of the rope without load [m]
+        self.rope_speed = 0.0  #: At which the gantry lets the rope out [m/s]
+        self.slack = 0.0  #: Rope let out so far [m]
+        self.hooked = True  #: Whether the rope is tied to the robot
+
+    def receive(self, data: bytes) -> None:
+        """A command from the network; counted in ``refused`` when it is not valid."""
+        raise NotImplementedError
+
+    def states(self) -> list[Any]:
+        """What the robot sends when a state is ``due``."""
+        raise NotImplementedError
+
+    def accept(self, command: JointCommand) -> None:
+        """A valid command."""
+        self.received += 1
+        self.command = command
+
+    def drive(self) -> JointCommand:
+        """The command that the drives execute in this step."""
+        return JointCommand(*np.zeros((5, self.model.nj))) if self.command is None else self.command
+
+    def step(self) -> None:
+        """Advance by 1 ms."""
+        self.plant.write(self.drive())
+        self._pull()
+        self.plant.step()
+        self.tick += 1
+
+    @property
+    def due(self) -> bool:
+        """Whether a state is due at this tick."""
+        return self.tick % self.ticks == 0
+
+    @property
+    def imu_quaternion(self) -> Vector:
+        """Orientation of the IMU, wxyz (4,)."""
+        matrix = self.plant.data.site_xmat[self.plant.mujoco.imu_site].reshape(3, 3)
+        return np.roll(pin.Quaternion(matrix).coeffs(), 1)
+
+    @property
+    def base(self) -> Vector:
+        """True position of the pelvis (3,) [m]."""
+        q, _ = mujoco_to_pin(self.model, self.plant.mujoco, *self._state)
+        return np.array(q[:3])
+
+    @property
+    def _state(self) -> tuple[Vector, Vector]:
+        mj = self.plant.mujoco
+        return self.plant.data.qpos[mj.qpos], self.plant.data.qvel[mj.qvel]
+
+    def _hook(self) -> Vector:
+        data = self.plant.data
+        return np.array(data.xpos[self._torso] + data.xmat[self._torso].reshape(3, 3) @ np.array(HOOK))
+
+    def _pull(self) -> None:
+        """Force of the rope on the torso."""
+        data, body = self.plant.data, self._torso
+        self.slack += self.rope_speed * STEP
+        hook = self._hook()
+        along = self._anchor - hook
+        distance = float(np.linalg.norm(along))
+        along /= distance
+        velocity = np.zeros(6)
+        mujoco.mj_objectVelocity(self.plant.model, data, mujoco.mjtObj.mjOBJ_BODY, body, velocity, 0)
+        arm = hook - data.xipos[body]
+        speed = velocity[3:] + np.cross(velocity[:3], hook - data.xpos[body])
+        stretch = distance - self._length - self.slack if self.hooked else 0.0
+        force = np.zeros(3)
+        if stretch > 0.0:
+            pull = max(ROPE_STIFFNESS * stretch - ROPE_DAMPING * float(along @ speed), 0.0)
+            force = pull * along - ROPE_DRAG * (speed - along * float(along @ speed))
+        data.xfrc_applied[body] = np.concatenate([force, np.cross(arm, force)])
+
+
+class StepLink:
+    """A robot in the same process instead of a network; commands take effect ``delay`` steps later.
+
+    ``states_pass`` and ``commands_pass`` return what arrives of a message on the cable, None when it is lost.
+    """
+
+    def __init__(self, robot: HangingRobot, delay: int = 0) -> None:
+        self.robot, self.delay = robot, delay
+        self.connected = True
+        self.states_pass: Callable[[Any], Any] = lambda message: message
+        self.commands_pass: Callable[[bytes], bytes | None] = lambda data: data
+        self.sent: list[bytes] = []  #: By the driver
+        self.receivers: list[Callable[[bytes], object]] = []  #: Further readers of commands at this end of the cable
+        self.state_receivers: list[Callable[[Any], object]] = []  #: Of what the robot sends
+        self._states: list[Any] = []
+        self._on_the_way: list[tuple[int, bytes]] = []
+
+    def step(self) -> None:
+        """Advance the robot by 1 ms."""
+        while self._on_the_way and self._on_the_way[0][0] <= self.robot.tick:
+            self.robot.receive(self._on_the_way.pop(0)[1])
+        self.robot.step()
+        if self.robot.due and self.connected:
+            for message in self.robot.states():
+                if (passed := self.states_pass(message)) is not None:
+                    self._states.append(passed)
+                    for receive in self.state_receivers:
+                        receive(passed)
+
+    def drop(self) -> None:
+        """Lose the commands that are on the way."""
+        self._on_the_way.clear()
+
+    def take(self) -> list[Any]:
+        """What the robot has sent since the last call."""
+        found, self._states = self._states, []
+        return found
+
+    def send(self, data: bytes) -> None:
+        """Send a command of the driver to the robot."""
+        self.sent.append(data)
+        self.publish(data)
+
+    def publish(self, data: bytes) -> None:
+        """A command of any program at this end of the cable."""
+        for receive in self.receivers:
+            receive(data)
+        if self.connected and (passed := self.commands_pass(data)) is not None:
+            self._on_the_way.append((self.robot.tick + self.delay, passed))
+
+    def close(self) -> None:
+        """Disconnect."""
+        self.connected = False

@@ -1,0 +1,196 @@
+"""What the plants of real robots share: the robot's clock, counts of its samples, mark of an unfinished run, end."""
+
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from bridge.plants.base import HardwarePlant
+from controllers.joints.joint_servo import damping_command, fade_to_damping
+from models.files import state_folder
+from models.robot_model import RobotModel
+from models.types import JointCommand, SensorData
+
+MILLISECONDS = 0.001  #: Tick of a counter of milliseconds [s]
+GAP_MAX = 2.0  #: Largest step of the robot's clock that is no restart [s]
+RATE_WINDOW = 0.5  #: Over which the rate of the samples is measured [s]
+RATE_TOLERANCE = 0.1  #: Relative deviation of that rate that is accepted at the start [-]
+CLOSE_COMMANDS, CLOSE_PERIOD = 100, 0.002  #: Commands with which ``close`` damps, and the time between two [s]
+
+
+class RobotClock:
+    """Time from a counter of the robot, which may wrap, and begins again when the robot restarts.
+
+    The time advances by the difference of two counts. A count that goes back, or that jumps ahead by more than
+    ``gap_max`` [s], is a restart: the time advances by one ``period`` [s] and ``restarts`` counts it. ``tick`` is the
+    length of a count [s], ``wrap`` the number of counts after which the counter begins again.
+    """
+
+    def __init__(self, period: float, gap_max: float, tick: float = MILLISECONDS, wrap: int = 1 << 32) -> None:
+        self._tick, self._wrap = tick, wrap
+        self._period, self._gap_max = max(round(period / tick), 1), round(gap_max / tick)
+        self._last: int | None = None
+        self._counts = 0
+        self.restarts = 0  #: Jumps of the robot's clock
+
+    def step(self, count: int) -> float:
+        """Time at a count [s]; the same for a repeated count."""
+        if self._last is None:
+            self._counts = self._period
+        else:
+            ahead = (count - self._last) % self._wrap
+            if ahead > self._gap_max:
+                self.restarts += 1
+                ahead = self._period
+            self._counts += ahead
+        self._last = count
+        return self._counts * self._tick
+
+
+class SampleCounter:
+    """Rate of the samples, those that did not arrive, and the silence since the last one.
+
+    ``period`` is the time between two samples of the robot [s], and between two calls of ``idle``.
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self.rate = 0.0  #: Of the samples that arrived, over ``RATE_WINDOW`` [Hz]
+        self.lost = 0  #: Samples that did not arrive
+        self.silence = 0.0  #: Time without a sample [s]
+        self._last: float | None = None
+        self._counted, self._since = 0, 0.0
+
+    def idle(self, *, arrived: bool) -> None:
+        """Count one period of the driver, in which samples ``arrived`` or not."""
+        self.silence = 0.0 if arrived else self.silence + self._period
+
+    def step(self, t: float) -> tuple[float, int]:
+        """Count a sample at a time [s]; time since the last one [s] and the number of samples lost before it."""
+        step = t if self._last is None else t - self._last
+        lost = 0 if self._last is None else max(round(step / self._period) - 1, 0)
+        self.lost += lost
+        self._counted += 1
+        self._last = t
+        if t - self._since >= RATE_WINDOW:
+            self.rate = self._counted / (t - self._since)
+            self._counted, self._since = 0, t
+        return step, lost
+
+    def findings(self, what: str) -> list[str]:
+        """Why samples called ``what`` do not come as they should; empty when they do."""
+        expected, found = 1.0 / self._period, []
+        if self.silence > RATE_WINDOW:
+            found.append(f"no {what} for {self.silence:.1f} s")
+        if abs(self.rate - expected) > RATE_TOLERANCE * expected:
+            found.append(f"{what} at {self.rate:.0f} Hz instead of {expected:.0f} Hz")
+        return found
+
+
+class RunMarker:
+    """A file that exists while a driver commands the robot; ``crashed`` is whether one was left by the last driver."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self.crashed = file.exists()
+        self.made = False  #: Whether this driver has commanded the robot
+
+    def make(self) -> None:
+        """Mark the run, before the first command."""
+        if not self.made:
+            self.made = True
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            self._file.touch()
+
+    def remove(self) -> None:
+        """Mark the end, after the last command; the next command begins another run."""
+        self.made = self.crashed = False
+        with suppress(OSError):
+            self._file.unlink(missing_ok=True)
+
+
+class CommandSender(Protocol):
+    """A connection to a robot."""
+
+    def send(self, data: bytes) -> None:
+        """Send a serialised command."""
+
+    def close(self) -> None:
+        """Leave the robot's domain."""
+
+
+class RealPlant(HardwarePlant):
+    """Period, mark and end of the plant of a real robot.
+
+    ``close`` fades the torque of the last command into damping, and damps also when the robot was not commanded by this
+    driver after a crash. ``name`` is that of the plant, ``where`` that of the robot's interface and domain; they name
+    the file of the mark where ``marker`` is empty. ``period`` is the time between two samples [s].
+    """
+
+    def __init__(self, model: RobotModel, name: str, where: str, marker: str, period: float) -> None:
+        self._period = period
+        self.counter = SampleCounter(period)  #: Of the samples
+        nothing, three = np.full(model.nj, np.nan), np.full(3, np.nan)
+        self._sensors = SensorData(0.0, nothing, nothing, nothing, three, three, np.full((2, 6), np.nan))
+        self._model = model
+        self._sent = b""  # the last command
+        self._marker = RunMarker(Path(marker) if marker else state_folder(name) / where)
+        self._stop = ""
+        self._closed = False
+        self._link: CommandSender
+
+    @property
+    def period(self) -> float:
+        return self._period
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the mark of an unfinished run was there at the start."""
+        return self._marker.crashed
+
+    @property
+    def stop(self) -> str:
+        """Reason to damp, of the newest ``read``."""
+        return self._stop
+
+    @property
+    def _sampled(self) -> bool:
+        """Whether a sample has come."""
+        return self._sensors.t > 0.0
+
+    def write(self, command: JointCommand) -> None:
+        """Send a command; nothing is sent before the first sample."""
+        if self._sampled and not self._closed:
+            self._marker.make()
+            self._sent = self._encode_command(command)
+            self._link.send(self._sent)
+
+    def close(self) -> None:
+        """Damp the joints and leave the domain."""
+        if self._closed:
+            return
+        if self._sampled and (self._marker.made or self.crashed):
+            last = self._decode_command(self._sent) if self._sent else damping_command(self._model)
+            for count in range(CLOSE_COMMANDS):
+                self.read()
+                command = fade_to_damping(self._model, last, count * CLOSE_PERIOD)
+                self._link.send(self._encode_command(command))
+                time.sleep(CLOSE_PERIOD)
+            self._finish()
+        self._closed = True
+        self._link.close()
+        if self._sampled or self._marker.made:
+            self._marker.remove()
+
+    def _encode_command(self, command: JointCommand) -> bytes:
+        """Serialised message of a command at the newest state."""
+        raise NotImplementedError
+
+    def _decode_command(self, data: bytes) -> JointCommand:
+        """Command of such a message."""
+        raise NotImplementedError
+
+    def _finish(self) -> None:
+        """Send what follows the damping at the end, if anything."""

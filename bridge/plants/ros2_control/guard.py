@@ -1,0 +1,63 @@
+"""Guard of a robot behind ros2_control: its command controllers keep the last command, without a time-out."""
+
+import numpy as np
+
+from bridge.plants.guard import SILENCE, SilenceGuard
+from bridge.plants.ros2_control.commands import DRIVER, GUARD, CommandCodec
+from bridge.plants.ros2_control.config import JOINTS
+from bridge.plants.ros2_control.link import Message
+from bridge.plants.ros2_control.sensors import JointStateDecoder
+from controllers.joints.joint_servo import damping_command
+from models.errors import PoiseError
+from models.robot_model import RobotModel
+from models.types import JointCommand
+
+
+class ControlGuard(SilenceGuard):
+    """Watches the commands of the driver and the joint states, and makes damping commands while there are none.
+
+    A controller of torques gets -kd v of the newest joint state. While there is none it gets only the part of the last
+    torque that has not faded yet, and at the end no torque.
+    """
+
+    def __init__(self, model: RobotModel, codec: CommandCodec) -> None:
+        super().__init__(model)
+        self._joints, self._codec = JointStateDecoder(model), codec
+        self._data = b""  # the driver's last command
+        zero = np.zeros(model.nj)
+        self._stamp, self._q, self._v = 0, zero, zero
+        self._measured = -np.inf  # time of the newest joint state [s]
+
+    def receive(self, message: Message, now: float) -> None:
+        """A command or joint state from the network at a time [s]."""
+        source, data = message
+        if source == JOINTS:
+            try:
+                self._stamp, self._q, self._v, _ = self._joints.decode(data)
+                self._measured = now
+            except PoiseError:
+                self.refused += 1
+            return
+        mark = self._codec.mark(data)
+        if mark == DRIVER:
+            self._on_command(now)
+            self._data = data
+        elif mark != GUARD:
+            self.strangers += 1
+
+    def final_command(self) -> bytes | None:
+        if not self._codec.evaluated:
+            return None
+        return self._codec.encode(self._stamp, JointCommand.torque(np.zeros(self._model.nj)), self._q, self._v)
+
+    def _last_command(self) -> JointCommand:
+        try:
+            return self._codec.decode(self._data)
+        except PoiseError:
+            self.refused += 1
+            return damping_command(self._model)
+
+    def _encode(self, command: JointCommand, now: float) -> bytes:
+        if self._codec.evaluated and not now - self._measured < SILENCE:
+            command = JointCommand.torque(command.tau)
+        return self._codec.encode(self._stamp, command, self._q, self._v)

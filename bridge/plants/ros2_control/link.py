@@ -1,0 +1,107 @@
+"""Connection to a robot behind ros2_control: a separate participant in the robot's DDS domain, polled."""
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.utilities import try_shutdown
+from sensor_msgs.msg import Imu, JointState
+
+from bridge.plants.participant import SENSOR, ignore, join, take, take_all
+from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, STATE, Ros2ControlConfig
+from models.nodes.interfaces import interface
+
+LOOK = 0.02  #: Time between two checks for an answer [s]
+ASK = 0.5  #: Time between two requests for the states of the controllers [s]
+FORGET = 2.0  #: Age of an answer after which the states are unknown [s]
+#: Type of the messages of each source
+TYPES = {JOINTS: JointState, IMU: Imu, **dict.fromkeys(FEET, WrenchStamped)}
+
+Message = tuple[str, bytes]  #: Source and serialised message
+
+
+class ControlLink(Protocol):
+    """Messages of one robot."""
+
+    def take(self) -> list[Message]:
+        """Messages of the sources since the last call."""
+
+    def send(self, data: bytes) -> None:
+        """Publish a serialised command."""
+
+    def controllers(self) -> Mapping[str, str] | None:
+        """State of each loaded controller by name; None while the controller manager does not answer."""
+
+    def joint_order(self) -> Sequence[str] | None:
+        """Joints of linear_feedback_controller in its order; None while unknown, and for other controllers."""
+
+    def close(self) -> None:
+        """Leave the robot's domain."""
+
+
+class RosLink(ControlLink):
+    """The robot over rclpy, in the robot's domain; its transports are those of this process.
+
+    ``command`` is the type of the commands. Raises ``MessageError`` when a type that is needed is not built.
+    """
+
+    def __init__(self, domain: int, config: Ros2ControlConfig, sources: Sequence[str], command: Any) -> None:
+        listing = interface("controller_manager_msgs", "srv", "ListControllers") if config.controller_manager else None
+        state = interface("linear_feedback_controller_msgs", "msg", "Sensor") if config.command == "feedback" else None
+        topics, types = config.topic_of, {**TYPES, COMMAND: command}
+        self._context, self._node = join(domain, "poise_ros2_control")
+        node = self._node
+        self._readers = [
+            (source, node.create_subscription(types[source], topics[source], ignore, SENSOR, raw=True))
+            for source in sources
+        ]
+        reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+        self._writer = node.create_publisher(command, topics[COMMAND], reliable)
+        latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._state = None if state is None else node.create_subscription(state, topics[STATE], ignore, latest)
+        self._client = None
+        if listing is not None:
+            self._listing = listing
+            self._client = node.create_client(listing, f"{config.controller_manager}/list_controllers")
+        self._asked = self._looked = self._answered = -FORGET
+        self._controllers: dict[str, str] = {}
+        self._order: list[str] | None = None
+
+    def take(self) -> list[Message]:
+        return [(source, data) for source, reader in self._readers for data in take_all(reader)]
+
+    def send(self, data: bytes) -> None:
+        self._writer.publish(data)
+
+    def controllers(self) -> Mapping[str, str] | None:
+        if self._client is None:
+            return None
+        now = time.monotonic()
+        if now - self._looked >= LOOK:
+            self._looked = now
+            self._exchange(now)
+        return self._controllers if now - self._answered <= FORGET else None
+
+    def _exchange(self, now: float) -> None:
+        """Take an answer of the controller manager, and ask again when it is time."""
+        client: Any = self._client
+        with client.handle:
+            _, answer = client.handle.take_response(self._listing.Response)
+        if answer is not None:
+            self._answered = now
+            self._controllers = {each.name: each.state for each in answer.controller}
+        if now - self._asked >= ASK and client.service_is_ready():
+            self._asked = now
+            with client.handle:
+                client.handle.send_request(self._listing.Request())
+
+    def joint_order(self) -> Sequence[str] | None:
+        if self._state is not None and (message := take(self._state)) is not None:
+            self._order = list(message.joint_state.name)
+        return self._order
+
+    def close(self) -> None:
+        self._node.destroy_node()
+        try_shutdown(context=self._context)

@@ -1,0 +1,258 @@
+"""A robot behind ros2_control: the robot as the driver program sees it."""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from bridge.plants.hardware import GAP_MAX, RealPlant, RobotClock
+from bridge.plants.ros2_control.commands import DRIVER, command_codec
+from bridge.plants.ros2_control.config import FEET, IMU, JOINTS, read_config, sources
+from bridge.plants.ros2_control.link import ControlLink, Message, RosLink
+from bridge.plants.ros2_control.sensors import ImuDecoder, JointStateDecoder, WrenchDecoder
+from controllers.estimation.assembler import SampleAssembler
+from models.constants import NANOSECONDS
+from models.errors import MessageError, PoiseError
+from models.nodes.cdr import stamp_of
+from models.robot_model import RobotModel
+from models.types import JointCommand, SensorData
+
+SILENT_MAX = 0.04  #: Age of the newest message of a source beyond which the robot is damped [s]
+#: Time without a state from which on a torque that is computed from the state has no gains [s]
+STATE_AGE_MAX = 0.01
+NANOSECOND = 1.0 / NANOSECONDS  #: [s]
+ACTIVE = "active"  #: State of a controller that runs
+_CLOSED = "the connection was closed with the driver's deactivation: clean it up and configure it again"
+
+
+class Ros2ControlPlant(RealPlant):
+    """Broadcasters in, commands of one controller out, on the clock of the stamps of the joint states.
+
+    A sample begins with a joint state; IMU and feet belong to it by their stamps. ``close`` damps the joints and leaves
+    a controller of torques without torque: it holds the last command for ever. A file in the user's state folder marks
+    a driver that has commanded the robot and has not closed: ``crashed``.
+
+    Args:
+        model: The robot; where its feet have sensors, their broadcasters are needed.
+        network_interface: Of this computer, to the robot; only named in messages.
+        domain: DDS domain of the robot.
+        marker: File that marks an unfinished run; that of the interface when empty.
+        link: Connection to the robot; one over DDS when None.
+        options: Values that replace those of ``bridge/config/ros2_control.yaml``, by nested keys.
+
+    Raises:
+        ConfigError: A wrong option.
+        MessageError: Types of messages are not built.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        network_interface: str = "lo",
+        domain: int = 0,
+        marker: str = "",
+        link: ControlLink | None = None,
+        **options: Any,
+    ) -> None:
+        self.config = config = read_config(options)
+        self._where = f"{network_interface}, domain {domain}"
+        super().__init__(model, "ros2_control", f"{network_interface}-{domain}", marker, 1.0 / config.rate)
+        self._clock = RobotClock(self._period, GAP_MAX, NANOSECOND, 1 << 63)
+        self._sources = sources(model)
+        self._joints, self._imu = JointStateDecoder(model), ImuDecoder(model)
+        self._feet = [WrenchDecoder(model, foot) for foot in range(len(FEET))]
+        age, gap = (round(limit * NANOSECONDS) for limit in (config.part_age_max, GAP_MAX))
+        self._assembler = SampleAssembler(age, gap, feet=FEET[0] in self._sources)
+        self._codec = command_codec(model, config, DRIVER)
+        self._samples: list[SensorData] = []  # complete, and not read yet
+        self._t = 0.0  # time of the newest joint state [s]
+        self._seen: dict[str, int] = {}  # stamp of the newest message by source [ns]
+        self._restarts_seen = 0
+        self.refused = Counter[str]()  #: Messages that could not be used, by source
+        self._why: dict[str, str] = {}  # of the last refused message, by source
+        self._link: ControlLink = RosLink(domain, config, self._sources, self._codec.kind) if link is None else link
+
+    def read(self) -> SensorData:
+        self._stop = ""
+        if self._closed:
+            return self._sensors
+        self._gather()
+        samples, self._samples = self._samples, []
+        self.counter.idle(arrived=bool(samples))
+        for sample in samples:
+            self.counter.step(sample.t)
+            self._sensors = sample
+        self._stop = self._reason_to_stop()
+        return self._sensors
+
+    @property
+    def arrived(self) -> bool:
+        """Whether a complete sample has come since the last ``read``."""
+        if not self._samples and not self._closed:
+            self._gather()
+        return bool(self._samples)
+
+    def _gather(self) -> None:
+        """Take over the messages that have come; one that cannot be used is counted."""
+        for message in sorted(self._link.take(), key=_order):
+            try:
+                self._add(message)
+            except PoiseError as error:
+                self.refused[message[0]] += 1
+                self._why[message[0]] = str(error)
+
+    def _add(self, message: Message) -> None:
+        source, data = message
+        if source == JOINTS:
+            stamp, *joints = self._joints.decode(data)
+            self._t = self._clock.step(stamp)
+            if self._clock.restarts > self._restarts_seen:
+                self._assembler.reset()
+                self._seen.clear()
+            sample = self._assembler.add_joints(stamp, *joints)
+        elif source == IMU:
+            stamp, gyro, accel = self._imu.decode(data)
+            sample = self._assembler.add_imu(stamp, gyro, accel)
+        else:
+            foot = FEET.index(source)
+            stamp, wrench = self._feet[foot].decode(data)
+            sample = self._assembler.add_foot(foot, stamp, wrench)
+        self._seen[source] = stamp
+        if sample is not None:
+            self._samples.append(replace(sample, t=self._t))
+
+    def _reason_to_stop(self) -> str:
+        if self._clock.restarts > self._restarts_seen:
+            self._restarts_seen = self._clock.restarts
+            return "the robot's clock has jumped: it was restarted"
+        for source, age in self._ages().items():
+            if age > SILENT_MAX:
+                return f"{source}: the newest message is {age:.3f} s older than the joint states"
+        if self._marker.made and (inactive := self._inactive()):
+            return "; ".join(inactive)
+        return ""
+
+    def _ages(self) -> dict[str, float]:
+        """Age of the newest message of each source against the joints [s]."""
+        joints = self._seen.get(JOINTS, 0)
+        return {source: (joints - stamp) * NANOSECOND for source, stamp in self._seen.items() if source != JOINTS}
+
+    def _inactive(self) -> list[str]:
+        """Controllers that are needed and not active; empty while unknown."""
+        states = self._link.controllers()
+        if states is None:
+            return []
+        names = [getattr(self.config.controllers, source) for source in (*self._sources, "command")]
+        return [_advice(name, states.get(name)) for name in names if states.get(name) != ACTIVE]
+
+    def _encode_command(self, command: JointCommand) -> bytes:
+        """Message of a command; torques of an old state have no gains.
+
+        Without a state for ``STATE_AGE_MAX``, a controller of torques gets the feed-forward torque alone: the gains
+        would act on an old velocity.
+        """
+        if self._codec.evaluated and self.counter.silence > STATE_AGE_MAX:
+            command = JointCommand.torque(command.tau)
+        return self._codec.encode(self._seen.get(JOINTS, 0), command, self._sensors.q, self._sensors.v)
+
+    def _decode_command(self, data: bytes) -> JointCommand:
+        return self._codec.decode(data)
+
+    def _finish(self) -> None:
+        if self._codec.evaluated:
+            self._link.send(self._encode_command(JointCommand.torque(np.zeros(self._model.nj))))
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Failed checks of messages and controllers."""
+        if self._closed:
+            return (_CLOSED,)
+        topics, found = self.config.topic_of, []
+        for source in self._sources:
+            if source in self._why:
+                found.append(f"{self.refused[source]} messages of {source} refused: {self._why.pop(source)}")
+            elif source not in self._seen:
+                found.append(f"no message of {source} on '{topics[source]}' ({self._where})")
+        if self._t:
+            found += self.warnings
+            found += self.counter.findings("complete samples")
+        if self.config.controller_manager:
+            if self._link.controllers() is None:
+                found.append(f"'{self.config.controller_manager}/list_controllers' does not answer ({self._where})")
+            found += self._inactive()
+        if self.config.command == "feedback":
+            found += self._order_findings()
+        return tuple(found)
+
+    def _order_findings(self) -> list[str]:
+        order, mine = self._link.joint_order(), list(self._model.joint_names)
+        if order is None:
+            return [f"no message on '{self.config.topic_of['state']}' ({self._where})"]
+        if list(order) == mine:
+            return []
+        other = [name for name in order if name not in mine] or [name for name in mine if name not in order]
+        what = f"'{other[0]}' is only on one side" if other else "their order differs"
+        return [
+            f"controller '{self.config.controllers.command}' has other joints than robot '{self._model.name}': {what}; "
+            f"configure it with the file that 'poise controllers' writes"
+        ]
+
+    @property
+    def vendor(self) -> str | None:
+        """Empty while the command controller is active: no other one can command its joints; None otherwise."""
+        if self._closed:
+            return None
+        if not self.config.controller_manager:
+            return ""
+        states = self._link.controllers()
+        return "" if states is not None and states.get(self.config.controllers.command) == ACTIVE else None
+
+    def release_vendor(self) -> None:
+        """No effect: the operator activates the command controller."""
+
+    def hand_over(self) -> None:
+        """No effect: no other controller becomes active by itself."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sources of the newest sample without a message of its stamp."""
+        rate = self.config.rate
+        return tuple(
+            f"{source}: no message with the stamp of the joint states; its broadcaster must run at {rate:g} Hz"
+            for source in self._assembler.mixed
+        )
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """None: ros2_control has no standard topics of temperatures and voltages."""
+        return ()
+
+    @property
+    def report(self) -> Mapping[str, str]:
+        """Counts of messages."""
+        assembler = self._assembler
+        return {
+            "state rate [Hz]": f"{self.counter.rate:.0f}",
+            "states lost": str(self.counter.lost),
+            "samples of several stamps": str(assembler.incomplete),
+            "messages refused": ", ".join(f"{source} {n}" for source, n in self.refused.items()) or "0",
+            "restarts of the robot": str(self._clock.restarts),
+            "inactive controllers": "; ".join(self._inactive()) or "none",
+        }
+
+
+def _order(message: Message) -> tuple[int, bool]:
+    """By stamps, joints after the others."""
+    source, data = message
+    try:
+        return stamp_of(data), source == JOINTS
+    except MessageError:
+        return 0, False
+
+
+def _advice(name: str, state: str | None) -> str:
+    if state is None:
+        return f"controller '{name}' is not loaded: ros2 control load_controller --set-state active {name}"
+    return f"controller '{name}' is {state}: ros2 control switch_controllers --activate {name}"

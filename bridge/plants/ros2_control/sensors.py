@@ -1,0 +1,132 @@
+"""Messages of ros2_control's broadcasters to sensor data in the order and the frames of the robot's profile.
+
+The layout of each message is taken from the first one: order of the joints, further joints, frame of the sensor. A
+message with another layout is decoded as a whole, once.
+"""
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import Imu, JointState
+
+from models.errors import JointNameError, MessageError
+from models.nodes.cdr import Template, stamp_of
+from models.nodes.messages import Codec, decode, require_finite
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
+
+FIELDS = ("position", "velocity", "effort")  #: Of a JointState that every joint needs
+IMU_PLACE = 0.01  #: Distance of the measured point from the profile's frame ``imu`` that is accepted [m]
+
+
+class JointStateDecoder:
+    """sensor_msgs/JointState of joint_state_broadcaster: all joints of the robot in any order, and perhaps others."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._model = model
+        self._template: Template | None = None
+        self._index = np.zeros(model.nj, dtype=np.intp)
+
+    def decode(self, data: bytes) -> tuple[int, Vector, Vector, Vector]:
+        """Stamp [ns], positions [rad], velocities [rad/s] and torques [N.m], each (nj,).
+
+        Raises ``JointNameError`` for a missing or duplicate joint, ``MessageError`` for a wrong size, NaN or infinity.
+        """
+        values = None if self._template is None else self._template.unpack(data)
+        if values is None:
+            values = self._learn(decode(data, JointState))
+        ordered = [each[self._index] for each in values]
+        for field, numbers in zip(FIELDS, ordered, strict=True):
+            try:
+                require_finite(field, numbers, self._model.joint_names)
+            except MessageError as error:
+                raise MessageError(f"{error}: the hardware must export the state interface '{field}'") from error
+        q, v, tau = ordered
+        return stamp_of(data), q, v, tau
+
+    def _learn(self, message: Any) -> list[Vector]:
+        names = list(message.name)
+        values = [np.array(getattr(message, field), dtype=np.float64) for field in FIELDS]
+        for field, numbers in zip(FIELDS, values, strict=True):
+            if len(numbers) != len(names):
+                raise MessageError(f"{field}: {len(numbers)} values for {len(names)} names")
+        for name in self._model.joint_names:
+            if (count := names.count(name)) != 1:
+                what = "is missing" if count == 0 else f"is there {count} times"
+                raise JointNameError(f"name: joint '{name}' {what}")
+        self._index[:] = [names.index(name) for name in self._model.joint_names]
+        self._template = Template(message, FIELDS)
+        return values
+
+
+class ImuDecoder:
+    """sensor_msgs/Imu of imu_sensor_broadcaster, turned from the axes of its frame to those of the frame ``imu``."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._model = model
+        self._codec: Codec[tuple[int, Vector, Vector, Vector]] | None = None
+        self._rotation = np.eye(3)
+
+    def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
+        """Stamp [ns], angular velocity (3,) [rad/s] and specific force (3,) [m/s^2]; errors are ``MessageError``."""
+        if self._codec is None:
+            message = decode(data, Imu)
+            self._rotation = imu_rotation(self._model, message.header.frame_id)
+            fields = ("orientation", "angular_velocity", "linear_acceleration")
+            self._codec = Codec(message, fields, ("header.frame_id",))
+        stamp, _, gyro, accel = self._codec.read(data)
+        require_finite("angular_velocity", gyro)
+        require_finite("linear_acceleration", accel)
+        return stamp, self._rotation @ gyro, self._rotation @ accel
+
+
+class WrenchDecoder:
+    """geometry_msgs/WrenchStamped of force_torque_sensor_broadcaster, moved from its frame to that of the sole.
+
+    The sensor must give the force of the ground on the robot; the parameter ``multiplier`` of the broadcaster turns it
+    round. ``foot`` is 0 for left, 1 for right.
+    """
+
+    def __init__(self, model: RobotModel, foot: int) -> None:
+        self._model, self._foot = model, foot
+        self._codec: Codec[tuple[int, Vector]] | None = None
+        self._transform = np.eye(6)
+
+    def decode(self, data: bytes) -> tuple[int, Vector]:
+        """Stamp [ns] and ground reaction in the sole frame (6,) [N, N.m]; errors are ``MessageError``."""
+        if self._codec is None:
+            message = decode(data, WrenchStamped)
+            self._transform = sole_transform(self._model, self._foot, message.header.frame_id)
+            self._codec = Codec(message, ("wrench",), ("header.frame_id",))
+        stamp, wrench = self._codec.decode(data)
+        return stamp, self._transform @ wrench
+
+
+def imu_rotation(model: RobotModel, frame: str) -> Matrix:
+    """Rotation (3, 3) from a frame of the URDF to the frame ``imu``; ``MessageError`` unless both are at one place."""
+    placement = _placement(model, frame, model.frame_id("imu"), "imu")
+    distance = float(np.linalg.norm(placement.translation))
+    if distance > IMU_PLACE:
+        raise MessageError(
+            f"header.frame_id: '{frame}' is {1e3 * distance:.0f} mm from frame 'imu' of '{model.name}'; set frames.imu "
+            f"of the profile to the place of the sensor"
+        )
+    return np.array(placement.rotation)
+
+
+def sole_transform(model: RobotModel, foot: int, frame: str) -> Matrix:
+    """Wrench transform (6, 6) from a frame of the URDF to a sole; ``MessageError`` unless one link carries both."""
+    sole = model.feet[foot].frame_id
+    return np.array(_placement(model, frame, sole, model.pin.frames[sole].name).toDualActionMatrix())
+
+
+def _placement(model: RobotModel, frame: str, target: int, name: str) -> pin.SE3:
+    """Placement of a frame in a target frame of the same link."""
+    if not model.pin.existFrame(frame):
+        raise MessageError(f"header.frame_id: '{frame}' is no frame of robot '{model.name}'")
+    given, wanted = model.pin.frames[model.pin.getFrameId(frame)], model.pin.frames[target]
+    if given.parentJoint != wanted.parentJoint:
+        raise MessageError(f"header.frame_id: '{frame}' moves against frame '{name}' of robot '{model.name}'")
+    return wanted.placement.actInv(given.placement)

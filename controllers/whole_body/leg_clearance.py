@@ -1,0 +1,132 @@
+"""Limit of the whole-body QP that keeps the legs from touching each other."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from controllers.qp.terms import Terms
+from controllers.whole_body.config import LegClearanceConfig
+from controllers.whole_body.limits import UNBOUNDED, AccelerationLimit
+from models.leg_shapes import leg_chains, leg_shapes
+from models.numerics.compiled import njit
+from models.robot_model import RobotModel
+from models.types import Reference
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_SCALE = 0.01  #: Of the rows and their bounds; eliminating the contacts makes those of the legs larger
+_ROWS = 3  #: Pairs of shapes that are kept apart at the same time
+JOINTS_V, JOINTS_Q = 6, 7  #: Index of the first joint in a velocity and in a configuration
+
+
+class LegClearanceLimit(AccelerationLimit):
+    r"""Keep the shapes of the left leg at least ``gap`` from those of the right one, where they are nearest.
+
+    .. math:: \ddot d \ge \mathrm{clip}(k (g (d_{gap} - d) - \dot d), \pm \ddot d_{max}), \qquad
+        \ddot d \approx n^T (J_l - J_r) \ddot q
+
+    for the three nearest pairs of convex hulls that are nearer than ``reach``: n is the direction between their
+    nearest points, J the Jacobians of these; the acceleration at zero :math:`\ddot q` is left to the feedback. Pairs
+    nearer than the gap in the 'stand' posture are not kept apart, because a hull is larger than its shape.
+
+    In a tick, those three pairs are measured that may be nearest: since a pair was measured, no point of a leg has
+    moved by more than the sum of the changes of its joints times their distances from it in the stretched leg.
+    """
+
+    def __init__(self, model: RobotModel, config: LegClearanceConfig) -> None:
+        super().__init__("leg_clearance", _ROWS, model.nv)
+        robot, self._config, self._geometry = model.pin, config, leg_shapes(model, hulls=True)
+        self._data, standing, legs = self._geometry.createData(), model.standing_configuration(), leg_chains(model)
+        pin.updateGeometryPlacements(robot, model.data(), self._geometry, self._data, standing)
+        pairs = list(enumerate(self._geometry.collisionPairs))
+        self._pairs = [(k, pair) for k, pair in pairs if self._measure(k).min_distance > config.gap]
+        bodies = self._geometry.geometryObjects
+        above = [set(robot.supports[body.parentJoint]) for body in bodies]
+        self._columns = [
+            (_columns(robot, above[pair.first] & legs[0]), _columns(robot, above[pair.second] & legs[1]))
+            for _, pair in self._pairs
+        ]
+        self._joints = np.concatenate([_columns(robot, leg) for leg in legs]) - JOINTS_V + JOINTS_Q
+        levers = [_levers(robot, body) for body in bodies]
+        self._levers = np.array(
+            [(levers[pair.first] + levers[pair.second])[self._joints - JOINTS_Q] for _, pair in self._pairs]
+        )
+        self._distances = np.zeros(len(self._pairs))  # when measured [m]
+        self._measured = np.tile(standing[self._joints], (len(self._pairs), 1))  # joint positions then [rad]
+
+    def bound(self, terms: Terms, reference: Reference) -> None:
+        """Rows of the nearest pairs; the others are without a bound, all of them while both feet are planted."""
+        self.matrix[:], self.lower[:] = 0.0, -UNBOUNDED
+        if all(reference.contacts):
+            return
+        config, distances, measured = self._config, self._distances, self._measured
+        near = _nearest(terms.q, self._joints, measured, distances, self._levers, config.reach)
+        if not len(near):
+            return
+        terms.place(self._geometry, self._data)
+        found = [(self._measure(self._pairs[k][0]), k) for k in near.tolist()]
+        distances[near], measured[near] = [result.min_distance for result, _ in found], terms.q[self._joints]
+        for row, (result, k) in enumerate(pair for pair in found if distances[pair[1]] < config.reach):
+            distance, (left, right) = distances[k], self._columns[k]
+            first, second = result.getNearestPoint1(), result.getNearestPoint2()
+            normal = (first - second) / distance if distance > 0.0 else -result.normal
+            jacobian, out = terms.joint_jacobian, self.matrix[row]
+            rate = _distance_row(jacobian, terms.v, normal, first, second, left, right, out)
+            wanted = config.velocity_gain * (config.position_gain * (config.gap - distance) - rate)
+            self.lower[row] = _SCALE * min(max(wanted, -config.acceleration), config.acceleration)
+            out *= _SCALE
+
+    def _measure(self, pair: int) -> coal.DistanceResult:
+        return pin.computeDistance(self._geometry, self._data, pair)
+
+
+def _columns(robot: pin.Model, joints: set[int]) -> Index:
+    """Velocity indices of joints."""
+    return np.array(
+        [robot.idx_vs[joint] + k for joint in sorted(joints) for k in range(robot.nvs[joint])], dtype=np.int64
+    )
+
+
+def _levers(robot: pin.Model, body: pin.GeometryObject) -> Array:
+    """Largest distance of the points of a shape from each joint that moves it (nj,) [m]."""
+    body.geometry.computeLocalAABB()
+    centre, levers = body.placement.act(body.geometry.aabb_center), np.zeros(robot.nv - JOINTS_V)
+    joint, distance = body.parentJoint, float(np.linalg.norm(centre) + body.geometry.aabb_radius)
+    while robot.idx_vs[joint] >= JOINTS_V:
+        levers[robot.idx_vs[joint] - JOINTS_V] = distance
+        distance += float(np.linalg.norm(robot.jointPlacements[joint].translation))
+        joint = robot.parents[joint]
+    return levers
+
+
+@njit(cache=True)
+def _nearest(q: Array, joints: Index, measured: Array, distances: Array, levers: Array, reach: float) -> Index:
+    """Up to ``_ROWS`` pairs that may be within ``reach``, those first that may be nearest."""
+    least = distances.copy()
+    for pair in range(least.shape[0]):
+        for i in range(joints.shape[0]):
+            least[pair] -= levers[pair, i] * abs(q[joints[i]] - measured[pair, i])
+    pairs = np.argsort(least)[:_ROWS]
+    return pairs[least[pairs] < reach]
+
+
+@njit(cache=True)
+def _distance_row(
+    jacobian: Array, v: Array, normal: Array, first: Array, second: Array, left: Index, right: Index, row: Array
+) -> float:
+    """Write the derivative of a distance by the joints (nv,) [m/rad]; returns its rate [m/s].
+
+    ``jacobian`` is ``Terms.joint_jacobian``; ``normal`` (3,) points from ``second`` to ``first`` (3,).
+    """
+    rate = 0.0
+    for sign, point, columns in ((1.0, first, left), (-1.0, second, right)):
+        mx = point[1] * normal[2] - point[2] * normal[1]
+        my = point[2] * normal[0] - point[0] * normal[2]
+        mz = point[0] * normal[1] - point[1] * normal[0]
+        for k in columns:
+            linear = normal[0] * jacobian[0, k] + normal[1] * jacobian[1, k] + normal[2] * jacobian[2, k]
+            row[k] = sign * (linear + mx * jacobian[3, k] + my * jacobian[4, k] + mz * jacobian[5, k])
+            rate += row[k] * v[k]
+    return rate

@@ -1,0 +1,77 @@
+"""Options of ``poise up --plant ros2_control``, and ``poise controllers``."""
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+pytest.importorskip("rclpy")
+
+from bridge.cli import app
+from bridge.launch.hardware import hardware_options
+from bridge.plants.base import make_plant
+from bridge.plants.config import read_options
+from bridge.ros.processes import BRIDGE, process_specs
+from models.errors import ConfigError, MessageError
+from models.robot_model import RobotModel
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(autouse=True)
+def graph_domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+
+
+def test_the_driver_and_the_guard_get_the_options() -> None:
+    profile, given = hardware_options("ros2_control", "talos", "", 3, None, "{command: pvt, rate: 500.0}")
+    assert profile == "talos_hardware"
+    options = read_options(given["plant_options"])
+    assert options == {"network_interface": "lo", "domain": 3, "command": "pvt", "rate": 500.0}
+    assert given["rates"]["supervisor"] == {"sensor_rate": 500.0}
+    guard, driver, *_ = given["robot_network"].processes(process_specs(), profile)
+    assert guard.arguments[:2] == ("talos_hardware", "3")
+    assert read_options(guard.arguments[2]) == {"command": "pvt", "rate": 500.0}
+    assert driver.module == BRIDGE.module and driver.environment == guard.environment
+
+
+def test_the_rate_may_be_an_option_of_poise_up() -> None:
+    _, given = hardware_options("ros2_control", "g1", "lo", 0, 250, "")
+    assert given["rates"]["balance_controller"] == {"sensor_rate": 250.0}
+    _, given = hardware_options("ros2_control", "g1", "lo", 0, None, "")
+    assert given["rates"]["balance_controller"] == {"sensor_rate": 1000.0}
+    _, given = hardware_options("unitree", "g1", "lo", 0, None, "")
+    assert given["rates"]["balance_controller"] == {"sensor_rate": 500.0}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("g1", "lo", 7, None, ""), "ROS domain 7 is the robot's"),
+        (("g1", "no0", 0, None, ""), "no interface 'no0'"),
+        (("g1", "lo", 0, None, "{comand: pvt}"), "comand"),
+        (("g1", "lo", 0, None, "{controllers: {gripper: x}}"), "controllers.gripper"),
+    ],
+)
+def test_wrong_options_are_refused_by_name(arguments: tuple[str, str, int, None, str], reason: str) -> None:
+    with pytest.raises(ConfigError, match=reason):
+        hardware_options("ros2_control", *arguments)
+
+
+def test_the_plant_is_made_by_its_name(g1: RobotModel) -> None:
+    with pytest.raises(ConfigError, match="rate"):
+        make_plant("ros2_control", g1, {"rate": 1.0})
+    try:
+        plant = make_plant("ros2_control", g1, {"domain": 9})
+    except MessageError as error:
+        pytest.skip(str(error))
+    assert plant.period == 0.001
+    plant.close()
+
+
+def test_the_file_of_the_controllers_is_printed() -> None:
+    result = CliRunner().invoke(app, ["controllers", "--robot", "g1", "--plant-options", "{command: pvt}"])
+    assert result.exit_code == 0, result.output
+    file = yaml.safe_load(result.output)
+    assert "left_foot_broadcaster" not in file  # g1_hardware has no foot sensors
+    assert len(file["whole_body_controller"]["ros__parameters"]["gpios"]) == 29
+    assert CliRunner().invoke(app, ["controllers", "--plant-options", "{command: pv}"]).exit_code != 0
