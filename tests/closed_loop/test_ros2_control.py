@@ -144,9 +144,13 @@ def test_close_damps_and_leaves_no_torque(standing: Ros2ControlLoop, tmp_path: P
     assert marker.exists()
     crashed = Ros2ControlPlant(standing.robot, marker=str(marker), link=DirectControlLink(standing.side))
     assert crashed.crashed and HardwareDrivers(crashed, standing.robot).state == "damped"
+    standing.side.receive(standing.link.sent[-1])
+    last = standing.side.drive().tau
     standing.link.sent.clear()
     standing.plant.close()
     assert len(standing.link.sent) > 20 and not marker.exists()
+    standing.side.receive(standing.link.sent[0])
+    np.testing.assert_allclose(standing.side.drive().tau, last, atol=1e-9)
     standing.side.receive(standing.link.sent[-1])
     assert not np.any(standing.side.drive().tau)
     assert "configure it again" in standing.plant.findings[0]

@@ -267,6 +267,24 @@ def test_after_a_crash_only_damping_is_possible(g1: RobotModel) -> None:
             act()
 
 
+def test_the_torque_that_a_killed_driver_left_fades_from_the_first_sample_on(g1: RobotModel) -> None:
+    startup, three, zero = Startup(g1, crashed=True), np.zeros(3), np.zeros(g1.nj)
+
+    def torque(t: float, tau: float, stale: float) -> float:
+        sensors = SensorData(t, zero, zero, np.full(g1.nj, tau), three, three, np.full((2, 6), np.nan))
+        startup.update(StartInputs(sensors, stale=stale))
+        command = startup.command(sensors, JointCommand.torque(zero))
+        assert command is not None
+        return float(command.tau[0])
+
+    for stale in (0.1, 0.5):
+        torque(0.0, np.nan, stale)  # before the first sample
+    ramp = 0.15
+    assert torque(DT, 5.0, 0.0) == pytest.approx(5.0 * (1.0 - DT / ramp))
+    assert torque(DT, 5.0, 0.1) == pytest.approx(5.0 * (1.0 - (DT + 0.1) / ramp))  # without samples
+    assert torque(DT, 5.0, 0.2) == 0.0
+
+
 def test_the_torques_of_the_load_hold_the_weight(g1: RobotModel) -> None:
     """Virtual work: for a motion with both soles flat on the floor, tau' dq = m g dz of the CoM."""
     data = g1.data()
