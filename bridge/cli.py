@@ -9,7 +9,7 @@ from typer.core import TyperGroup
 
 from bridge.commands import record
 from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, say, signer_of
-from bridge.commands.robot import calibrate, hang, mode, reach, reset, send, start, status, walk
+from bridge.commands.robot import calibrate, hang, identify, mode, reach, reset, send, start, status, walk
 from models.numerics.threads import use_one_thread
 
 ENTRY_POINTS = "poise.commands"  #: Entry points of further commands, such as ``poise bench``
@@ -320,7 +320,7 @@ def controllers(
     say(text, nl=False)
 
 
-_of_robot = (send, mode, start, status, reset, calibrate, hang)
+_of_robot = (send, mode, start, status, reset, calibrate, identify, hang)
 for _command in (record.record, record.replay, record.plot, record.export, *_of_robot):
     app.command()(_command)
 for _numeric in (walk, reach):

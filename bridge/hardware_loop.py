@@ -1,6 +1,7 @@
 """The drivers and laws of a real robot against a simulated one in one process, in lockstep: no ROS, no clock."""
 
 from collections.abc import Callable
+from enum import Enum
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -13,8 +14,14 @@ from bridge.loop.log import LoopLog
 from bridge.plants.base import HardwarePlant
 from bridge.plants.config import LoopConfig
 from bridge.plants.gantry import STEP, HangingRobot, StepLink
+from bridge.plants.guard import SilenceGuard
+from bridge.plants.ros2_control.commands import GUARD, command_codec
+from bridge.plants.ros2_control.config import COMMAND, JOINTS
+from bridge.plants.ros2_control.guard import ControlGuard
+from bridge.plants.ros2_control.link import Message
 from bridge.plants.ros2_control.plant import Ros2ControlPlant
 from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
+from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.simulated import DirectLink, GantryRobot
 from controllers.estimation.assembler import mean_sample
@@ -27,31 +34,51 @@ from models.types import Mode, SensorData
 LOWERING = 0.05  #: Speed at which the gantry lowers the robot [m/s]
 
 
+class Process(Enum):
+    """Processes of the graph of a real robot that take part in its control."""
+
+    DRIVER = "driver"
+    CONTROL = "control"
+    GUARD = "guard"
+
+
 Side = TypeVar("Side", bound=HangingRobot)
 Link = TypeVar("Link", bound=StepLink)
 RealPlant = TypeVar("RealPlant", bound=HardwarePlant)
+Guard = TypeVar("Guard", bound=SilenceGuard)
 
 
-class PlantLoop(Generic[Side, Link, RealPlant]):
+class PlantLoop(Generic[Side, Link, RealPlant, Guard]):
     """One tick is: state, estimate, command, drivers, robot; states and commands are the protocol's bytes.
 
     Deterministic: the same arguments and calls give the same run. ``start`` does what the person at the gantry does.
+    The processes of the real graph are modelled at their boundary: ``running`` is the set of those that are not killed
+    or stopped. A guard watches the commands of the driver, as beside a real robot.
 
     Args:
         robot: The robot of the laws.
         side: The simulated robot.
         link: From ``plant`` to ``side``.
         plant: The plant of the drivers.
+        guard: Its guard process.
         record_period: Time between two rows of ``log`` [s]; no log when None.
     """
 
     def __init__(
-        self, robot: RobotModel, side: Side, link: Link, plant: RealPlant, record_period: float | None = None
+        self,
+        robot: RobotModel,
+        side: Side,
+        link: Link,
+        plant: RealPlant,
+        guard: Guard,
+        record_period: float | None = None,
     ) -> None:
         self.robot = robot  #: The robot of the laws
         self.side = side  #: The simulated robot; no law may read it
         self.link, self.plant = link, plant
         self.drivers = HardwareDrivers(self.plant, self.robot)
+        self.guard = guard
+        self.running = set(Process)
         self.stack = ControlStack(self.robot, StackConfig(), period=self.plant.period)
         self.history: list[str] = []  #: States of the start, in order
         self.log = LoopLog(self.robot)
@@ -92,8 +119,19 @@ class PlantLoop(Generic[Side, Link, RealPlant]):
         """One tick."""
         for _ in range(self.side.ticks):
             self.link.step()
+        if Process.DRIVER in self.running:
+            self._drive()
+        if Process.GUARD in self.running:
+            self._watch()
+        if not self.side.hooked:
+            self.monitor.update()
+        if not self.history or self.history[-1] != self.startup.state:
+            self.history.append(str(self.startup.state))
+
+    def _drive(self) -> None:
+        """The driver's tick, with that of the laws between its two halves."""
         sensors = self.drivers.read()
-        if sensors.t > self._t:
+        if sensors.t > self._t and Process.CONTROL in self.running:
             if self.startup.armable:
                 self._control(sensors, sensors.t - self._t)
             else:
@@ -101,10 +139,12 @@ class PlantLoop(Generic[Side, Link, RealPlant]):
                 self._first.clear()
             self._t = sensors.t
         self.drivers.act()
-        if not self.side.hooked:
-            self.monitor.update()
-        if not self.history or self.history[-1] != self.startup.state:
-            self.history.append(str(self.startup.state))
+
+    def _watch(self) -> None:
+        """The guard's tick."""
+        command = self.guard.step(self.t)
+        if command is not None:
+            self.link.publish(command)
 
     def run(self, time: float) -> None:
         """Run for a simulated time [s]."""
@@ -166,7 +206,7 @@ class PlantLoop(Generic[Side, Link, RealPlant]):
             self.drivers.command(command)
             self._record()
         before = self.stack.mode
-        mode = self.stack.supervise(sensors.t)
+        mode = self.stack.supervise(sensors.t, hardware=self.plant.holds)
         if mode is not before:
             self.drivers.set_mode(mode)
             self._note(f"mode {mode.value}" + "".join(f": {fault}" for fault in self.stack.supervisor.faults))
@@ -180,12 +220,12 @@ class PlantLoop(Generic[Side, Link, RealPlant]):
         self.events.append((self._t, text))
 
 
-class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant]):
+class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard]):
     """A robot behind Unitree's protocol.
 
     Args:
         marker: File that marks an unfinished run.
-        laws: Robot of the laws and drivers.
+        laws: Profile of the laws and drivers, by name or path.
         rate: Rate of states and commands [Hz].
         seed: Of the sensor noise, and of random deviations.
         delay: From a state to its command in force [ms].
@@ -197,7 +237,7 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant]):
         self,
         marker: Path,
         *,
-        laws: str = "g1_hardware",
+        laws: str | Path = "g1_hardware",
         rate: float = 500.0,
         seed: int = 0,
         delay: int = 2,
@@ -206,12 +246,16 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant]):
     ) -> None:
         side = GantryRobot(rate=rate, seed=seed, **options)
         link, robot = DirectLink(side, delay), RobotModel.load(laws)
-        super().__init__(
-            robot, side, link, UnitreePlant(robot, rate=rate, marker=str(marker), link=link), record_period
-        )
+        plant = UnitreePlant(robot, rate=rate, marker=str(marker), link=link)
+        super().__init__(robot, side, link, plant, DampingGuard(robot), record_period)
+        link.receivers.append(self._on_command)
+
+    def _on_command(self, data: bytes) -> None:
+        if Process.GUARD in self.running:
+            self.guard.receive(data, self.t)
 
 
-class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlPlant]):
+class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlPlant, ControlGuard]):
     """A robot behind ros2_control.
 
     Args:
@@ -235,4 +279,12 @@ class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlP
     ) -> None:
         side = ControlledRobot(robot, laws=laws, settings=settings, seed=seed)
         link, model = DirectControlLink(side, delay), RobotModel.load(laws)
-        super().__init__(model, side, link, Ros2ControlPlant(model, marker=str(marker), link=link, **settings))
+        plant = Ros2ControlPlant(model, marker=str(marker), link=link, **settings)
+        guard = ControlGuard(model, command_codec(model, plant.config, GUARD))
+        super().__init__(model, side, link, plant, guard)
+        link.receivers.append(lambda data: self._on_message((COMMAND, data)))
+        link.state_receivers.append(self._on_message)
+
+    def _on_message(self, message: Message) -> None:
+        if Process.GUARD in self.running and message[0] in (COMMAND, JOINTS):
+            self.guard.receive(message, self.t)

@@ -292,8 +292,11 @@ class ControlStack:
         self.result, self.scheduled, self._command_t = result, reference.contacts, state.t
         return result
 
-    def supervise(self, t: float, *, drivers_damped: bool = False) -> Mode:
-        """Update the supervisor at time ``t`` [s], also when no sample arrives; returns the mode from now on."""
+    def supervise(self, t: float, *, drivers_damped: bool = False, hardware: tuple[str, ...] = ()) -> Mode:
+        """Update the supervisor at time ``t`` [s], also when no sample arrives; returns the mode from now on.
+
+        ``hardware`` are the holds of a real robot's monitors.
+        """
         status = self.status
         health = Health(
             state_stamp=self.state.t,
@@ -304,6 +307,7 @@ class ControlStack:
             motion_active=self.motion_active,
             gait_active=self.gait_active,
             joint_fault=status.joint_fault,
+            hardware=hardware,
             coasting=0.0 if self._estimator is None else self.estimator.health.coasting,
         )
         mode = self.supervisor.update(health, t)

@@ -234,12 +234,23 @@ class Hardware:
     """What the monitors of a real robot compare its state with."""
 
     mode_machine: Annotated[int, Field(ge=0, le=255)]  #: type that the robot reports, of these joints [1]
+    switcher_version: str  #: of the robot's motion switcher, which releases its controller; where it names one
     motor_temperature: Thresholds  #: winding or housing of the hottest motor [degC]
     voltage: Thresholds  #: supply of the lowest drive; 0 counts as not measured [V]
     lost_packets: Thresholds  #: share of states that did not arrive within a second [-]
+    torque_saturation: Thresholds  #: share of a second in which a joint is at its torque limit [-]
+    foreign_commands: Thresholds  #: LowCmds of other programs within a second; without ``persistence`` [Hz]
     motor_error: Literal["warn", "hold", "damp"]  #: what an error word of a drive leads to
     stop_buttons: Annotated[tuple[str, ...], Field(min_length=1)]  #: each of which, on the remote controller, damps
     persistence: Positive  #: for how long a value must be beyond a threshold [s]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Payload:
+    """Mass and CoM of a robot beyond those of its URDF, in its torso; ``poise identify`` measures them."""
+
+    mass: float = 0.0  #: added to that of the torso; negative for a lighter robot [kg]
+    com: tuple[float, float] = (0.0, 0.0)  #: shift of the CoM of the whole robot, forward and left [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -262,6 +273,7 @@ class Profile:
     hulls: dict[str, Hull] = field(default_factory=dict)
     #: what differs for this robot from the packaged configuration of its laws, as nested keys by the name of the file
     laws: dict[Law, dict[str, Any]] = field(default_factory=dict)
+    payload: Payload = Payload()  #: what the laws add to the URDF's masses; a simulated robot does not have it
     hardware: Hardware | None = None  #: monitors of the real robot; none where it is not known
     source: str = ""  #: file the profile was read from; filled in by the loader
 

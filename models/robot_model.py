@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.constants import FOOT_NAMES
 from models.errors import ConfigError, JointNameError, RobotModelError, did_you_mean
-from models.profile import Frame, Profile, Sole, joint_key, load_profile
+from models.profile import Frame, Payload, Profile, Sole, joint_key, load_profile
 from models.types import Matrix, Vector
 from models.urdf import pinocchio_from_urdf, resolve_uri
 
@@ -58,7 +58,6 @@ class RobotModel:
         self.nv: int = self.pin.nv  #: Size of a velocity: base twist in the base frame (6), joints (nj)
         self.nj: int = self.nv - _BASE_NV  #: Number of joints
         self.joint_names: tuple[str, ...] = tuple(self.pin.names)[2:]  #: In the order of every joint vector, the URDF's
-        self.mass = float(pin.computeTotalMass(self.pin))  #: Total mass [kg]
         self._index = {name: i for i, name in enumerate(self.joint_names)}
         _check_names(profile, self.joint_names, self.urdf)
         self._aliases = {
@@ -90,6 +89,8 @@ class RobotModel:
         self.feet = (self._foot(0, soles[0]), self._foot(1, soles[1]))  #: Left and right foot
         self._postures = {name: self._posture(name, values) for name, values in profile.postures.items()}
         self._postures["zero"] = _frozen(np.clip(np.zeros(self.nj), self.q_lower, self.q_upper))
+        self._add_payload()
+        self.mass = float(pin.computeTotalMass(self.pin))  #: Total mass, with the profile's payload [kg]
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> RobotModel:
@@ -192,6 +193,26 @@ class RobotModel:
         if frame_id >= self.pin.nframes:
             raise RobotModelError(f"{self.profile.source}: {user}: link '{link}' does not exist in {self.urdf}")
         return frame_id
+
+    def _add_payload(self) -> None:
+        """Change mass and CoM of the torso by the profile's payload; the CoM shifts as given in the posture 'stand'."""
+        if self.profile.payload == Payload():
+            return
+        payload, joint = self.profile.payload, self.pin.frames[self.frame_id("torso")].parentJoint
+        torso = self.pin.inertias[joint]
+        mass = torso.mass + payload.mass
+        if not mass > 0.0:
+            raise RobotModelError(f"{self.profile.source}: payload.mass: {payload.mass:g} kg leaves none of the torso")
+        q: Vector = pin.neutral(self.pin)
+        q[_BASE_NQ:] = self.posture("stand")
+        data = self.data()
+        pin.forwardKinematics(self.pin, data, q)
+        com = pin.centerOfMass(self.pin, data, q)
+        total = pin.computeTotalMass(self.pin) + payload.mass
+        moment = total * np.array([*payload.com, 0.0])  # of the shift, without that by the added mass itself
+        moment[:2] -= payload.mass * (data.oMi[joint].act(torso.lever) - com)[:2]
+        lever = torso.lever + data.oMi[joint].rotation.T @ moment / mass
+        self.pin.inertias[joint] = pin.Inertia(mass, lever, torso.inertia * mass / torso.mass)
 
     def _foot(self, index: int, sole: Sole) -> Foot:
         frame_id = self._frames[SOLE_FRAMES[index]]

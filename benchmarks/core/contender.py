@@ -88,7 +88,7 @@ class ContenderStack(ControlStack):
         command = self.contender.step(sensors, dt)
         return JointCommand.torque(command.tau) if self.contender.torque_controlled else command
 
-    def supervise(self, t: float, *, drivers_damped: bool = False) -> Mode:
+    def supervise(self, t: float, *, drivers_damped: bool = False, hardware: tuple[str, ...] = ()) -> Mode:
         return self.mode
 
 

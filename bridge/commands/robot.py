@@ -97,6 +97,36 @@ def calibrate(
         raise typer.Exit(print_reply(client.trigger(f"calibrate/{what}", answer_timeout=CALIBRATION_TIMEOUT)))
 
 
+def identify(
+    save: Annotated[
+        Path | None, typer.Option(help="Write a profile with the result here, for poise up --robot.")
+    ] = None,
+    robot: Annotated[str, typer.Option(help="Profile that the result extends; that of the running robot.")] = "",
+    seconds: Annotated[float, typer.Option(min=0.5, help="How long.")] = 4.0,
+    network: Network = False,
+    namespace: Namespace = "",
+) -> None:
+    """Measure the payload and the CoM of the running robot, which stands still; the laws use them from a profile."""
+    with connected(network, namespace) as client:
+        from bridge.driver.foot_load import payload_profile
+        from bridge.ros.identify import identify_payload
+        from models.files import part_beside
+        from models.robot_model import RobotModel
+
+        name = robot or client.robot()
+        model = RobotModel.load(name)
+        found = identify_payload(client, model, seconds)
+        text = payload_profile(model.profile.source if robot else name, model.name, found)
+        say(text.rstrip())
+        if save is None:
+            say("poise identify --save my_robot.yaml keeps this as a profile: poise up --robot my_robot.yaml")
+        else:
+            part = part_beside(save)
+            part.write_text(text, encoding="utf-8")
+            part.replace(save)
+            say(f"written: {save}; from the next start on: poise up --robot {save}")
+
+
 def hang(
     down: Annotated[bool, typer.Option("--down", help="Put it back to its start.")] = False,
     network: Network = False,

@@ -139,8 +139,11 @@ class HardwareDrivers(Drivers):
             sensors, findings, vendor, self._load.load, self._load.tilt,
             driven=self.awaits_command and servo.commanded, stop=stop, stale=self.stale,
         )  # fmt: skip
+        commanded = startup.commands
         if startup.update(inputs) is StartState.RELEASE:
             self.plant.release_vendor()
+        if commanded and not startup.commands:
+            self.plant.hand_over()
         given = startup.command(sensors, command)
         if given is not None:
             self.plant.write(given if self.encoder_offsets is None else encoder_command(given, self.encoder_offsets))

@@ -1,14 +1,15 @@
 """Start of a real robot, from its vendor's controller to standing, as a state machine without ROS.
 
     listen -> gantry -> release -> damp -> prepare -> hanging -> held -> loaded -> stand
-                                                         any of these from release on -> damped -> prepare
+                                                         any of these from release on -> damped -> damp, or listen
 
 Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. ``gantry`` waits
 for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``. ``held`` is stiff in the
 standing posture until the load on the feet, which follows from the joint torques, equals the weight. The stiff hold
 includes the torques of that load at the measured posture: gravity does not weaken its springs, and a CoM beside that of
 the model makes the robot lean less. ``loaded`` stays stiff until the joint drivers execute commands, which then replace
-the stiff hold over the time ``fade``; a robot that is lifted before that is ``held`` again.
+the stiff hold over the time ``fade``; a robot that is lifted before that is ``held`` again. ``damped`` waits for the
+operator to hang the robot up; when the vendor's controller becomes active, commands end, and the start begins again.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from bridge.plants.base import standing_torques
-from controllers.joints.joint_servo import JointServoConfig, drive_torque
+from controllers.joints.joint_servo import damping_command, drive_torque, fade_to_damping, mean_command
 from models.config import STRICT, Fraction, NonNegative, Positive, default_config
 from models.errors import CommandError
 from models.robot_model import RobotModel
@@ -32,6 +33,8 @@ class StartupConfig:
 
     listen_time: Positive
     release_timeout: Positive
+    quiet_time: Positive
+    hand_over_time: Positive
     settle_time: NonNegative
     rest_speed: Positive
     ramp_speed: Positive
@@ -44,7 +47,6 @@ class StartupConfig:
     load_time: NonNegative
     tilt_max: Positive
     fade: Positive
-    damp_ramp: Positive
 
 
 class StartState(StrEnum):
@@ -100,7 +102,7 @@ class Startup:
         self._crashed = crashed
         self._target = model.posture("stand").copy()
         self._kp, self._kd = self.config.stiffness * model.kp, self.config.damping * model.kd
-        self._damping = default_config(JointServoConfig, "controllers", "joint_servo").damping_scale * model.kd
+        self._damping = damping_command(model)
         self._data = model.data()
         self._standing = np.zeros(model.nj)  # torques of the load on the feet (nj,) [N.m]
         self._elapsed = 0.0  # in this state, by the robot's clock, which the driver continues without samples [s]
@@ -108,7 +110,7 @@ class Startup:
         self._t: float | None = None
         self._from = self._target  # joint positions at the start of the ramp (nj,) [rad]
         self._ramp = self.config.ramp_time
-        self._tau_at_fault = np.zeros(model.nj)
+        self._at_fault = JointCommand.torque(np.zeros(model.nj))
         self._findings: Sequence[str] = ("no message of the robot yet",)
         if crashed:
             self.state = StartState.DAMPED
@@ -123,7 +125,7 @@ class Startup:
         if state is StartState.LISTEN:
             return "; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s"
         if state is StartState.RELEASE:
-            return "the vendor's controller to end"
+            return "; ".join(self._findings) or "the vendor's controller to end"
         if state is StartState.DAMP:
             return f"the joints to be slower than {config.rest_speed:g} rad/s for {config.settle_time:g} s"
         if state is StartState.PREPARE:
@@ -190,14 +192,19 @@ class Startup:
     def update(self, inputs: StartInputs) -> StartState:
         """One tick; returns the state."""
         sensors, config = inputs.sensors, self.config
-        t = sensors.t + inputs.stale  # goes on without samples, so that the torque fades
+        # It goes on without samples, so that the torque fades, but not before the first.
+        t = sensors.t + inputs.stale if sensors.t > 0.0 else 0.0
         dt = 0.0 if self._t is None else max(t - self._t, 0.0)
         self._t, self._findings = t, inputs.findings
+        if self._crashed and self._elapsed == 0.0 and np.isfinite(sensors.tau).all():
+            self._at_fault = JointCommand.torque(sensors.tau)  # of the command that the last driver left
         self._elapsed += dt
         share = min(dt / config.load_window, 1.0)
         self.load += share * (inputs.load - self.load) if np.isfinite(inputs.load) else -share * self.load
-        if inputs.stop:
-            self._stop(inputs.stop)
+        if self.state is StartState.DAMPED:
+            self._hand_over(inputs, dt)
+        elif inputs.stop:
+            self._stop(inputs)
         elif self.state is StartState.LISTEN:
             if self._holds(not inputs.findings, dt, config.listen_time):
                 self._enter(StartState.GANTRY)
@@ -205,7 +212,7 @@ class Startup:
             if inputs.findings:
                 self._enter(StartState.LISTEN)
         elif self.state is StartState.RELEASE:
-            self._release(inputs)
+            self._release(inputs, dt)
         elif self.state is StartState.DAMP:
             if self._holds(bool(np.abs(sensors.v).max() < config.rest_speed), dt, config.settle_time):
                 self._begin_ramp(sensors.q)
@@ -238,7 +245,7 @@ class Startup:
         else:
             given = self._held()
         if state is not StartState.DAMPED:
-            self._tau_at_fault = drive_torque(self.model, given, sensors.q, sensors.v)
+            self._at_fault = JointCommand.torque(drive_torque(self.model, given, sensors.q, sensors.v))
         return given
 
     def _require(self, name: str, state: StartState) -> None:
@@ -255,21 +262,32 @@ class Startup:
         self._good = self._good + dt if condition else 0.0
         return condition and self._good >= time
 
-    def _stop(self, reason: str) -> None:
-        """Damp; before the release, where nothing is commanded, begin again."""
-        if self.state in BEFORE_RELEASE:
-            self._findings = (reason,)
+    def _stop(self, inputs: StartInputs) -> None:
+        """Damp. Before the release, or where a check fails during it, begin again: nothing is commanded."""
+        if self.state in BEFORE_RELEASE or (self.state is StartState.RELEASE and inputs.findings):
+            self._findings = tuple(dict.fromkeys((inputs.stop, *inputs.findings)))
             self._enter(StartState.LISTEN)
         else:
-            self.damp(reason)
+            self.damp(inputs.stop)
 
-    def _release(self, inputs: StartInputs) -> None:
-        if inputs.vendor == "":
+    def _hand_over(self, inputs: StartInputs, dt: float) -> None:
+        """End all commands once the robot is damped and its vendor's controller is active: it must be the only one."""
+        if self._holds(bool(inputs.vendor), dt, self.config.hand_over_time):
+            self._crashed = False
+            self._enter(StartState.LISTEN)
+            self.reason = f"the vendor's controller '{inputs.vendor}' became active"
+
+    def _release(self, inputs: StartInputs, dt: float) -> None:
+        if self._holds(inputs.vendor == "" and not inputs.findings, dt, self.config.quiet_time):
             self._enter(StartState.DAMP)
         elif self._elapsed > self.config.release_timeout:
-            who = "its state is unknown" if inputs.vendor is None else f"'{inputs.vendor}' is active"
+            reason = "; ".join(inputs.findings)
+            if inputs.vendor:
+                reason = f"the vendor's controller did not end: '{inputs.vendor}' is active"
+            elif inputs.vendor is None:
+                reason = "the vendor's controller did not end: its state is unknown"
             self._enter(StartState.LISTEN)
-            self.reason = f"the vendor's controller did not end: {who}"
+            self.reason = reason
 
     def _begin_ramp(self, q: Vector) -> None:
         self._enter(StartState.PREPARE)
@@ -293,30 +311,18 @@ class Startup:
 
     def _held(self) -> JointCommand:
         """Stiff hold; its gains grow from those of damping in the first third of the ramp."""
-        share = min(3.0 * self._elapsed / self._ramp, 1.0) if self.state is StartState.PREPARE else 1.0
-        kd = self._damping + share * (self._kd - self._damping)
-        return JointCommand(self._reference(), np.zeros(self.model.nj), self._standing, share * self._kp, kd)
+        held = JointCommand(self._reference(), np.zeros(self.model.nj), self._standing, self._kp, self._kd)
+        if self.state is not StartState.PREPARE:
+            return held
+        return mean_command(self.model, self._damping, held, min(3.0 * self._elapsed / self._ramp, 1.0))
 
     def _damped(self) -> JointCommand:
         """Damping; after a stop, the last torque fades into it."""
-        zero = np.zeros(self.model.nj)
-        share = min(self._elapsed / self.config.damp_ramp, 1.0) if self.state is StartState.DAMPED else 1.0
-        return JointCommand(zero, zero, (1.0 - share) * self._tau_at_fault, zero, share * self._damping)
-
-    def _rows(self, command: JointCommand) -> tuple[Vector, ...]:
-        kp = self.model.kp if command.kp is None else command.kp
-        kd = self.model.kd if command.kd is None else command.kd
-        return command.q, command.v, command.tau, kp, kd
+        if self.state is not StartState.DAMPED:
+            return self._damping
+        return fade_to_damping(self.model, self._at_fault, self._elapsed)
 
     def _faded(self, driver: JointCommand) -> JointCommand:
-        """Weighted mean of the torques of the stiff hold and of the drivers' command, as one command.
-
-        The torque of the mean is linear in q and v: its gains are the means of the gains, and the remainder is torque.
-        """
+        """From the stiff hold to the drivers' command."""
         u = self._elapsed / self.config.fade
-        new = u * u * (3.0 - 2.0 * u)
-        hold, given = self._rows(self._held()), self._rows(driver)
-        kp = (1.0 - new) * hold[3] + new * given[3]
-        kd = (1.0 - new) * hold[4] + new * given[4]
-        tau = (1.0 - new) * (hold[2] + hold[3] * (hold[0] - given[0]) + hold[4] * (hold[1] - given[1])) + new * given[2]
-        return JointCommand(given[0], given[1], tau, kp, kd)
+        return mean_command(self.model, self._held(), driver, u * u * (3.0 - 2.0 * u))

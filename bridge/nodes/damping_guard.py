@@ -67,7 +67,7 @@ def main(args: list[str] | None = None) -> None:
 def _connect(model: RobotModel, domain: int, options: str | None = None) -> tuple[Any, Any]:
     """The guard of a robot, and its connection."""
     if options is None:
-        return DampingGuard(model.kd), CommandLink(domain)
+        return DampingGuard(model), CommandLink(domain)
     config = read_config({**read_options(options), "controller_manager": ""})
     codec = command_codec(model, config, GUARD)
     return ControlGuard(model, codec), RosLink(domain, config, (JOINTS, COMMAND), codec.kind)

@@ -90,6 +90,9 @@ class HardwarePlant(Plant, Protocol):
     def report(self) -> Mapping[str, str]:
         """Further entries of the diagnostics."""
 
+    def hand_over(self) -> None:
+        """End all commands, those of a guard process included: the vendor's controller is active."""
+
     def release_vendor(self) -> None:
         """Request the end of the vendor's controller, again where it has not been answered."""
 

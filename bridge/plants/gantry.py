@@ -1,5 +1,6 @@
 """A simulated robot that hangs from a gantry, in MuJoCo: rope, drives, IMU; no protocol, no ROS, no DDS."""
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -49,7 +50,7 @@ class HangingRobot:
         if deviation is not None:
             deviation.apply(self.plant, seed)
         self.ticks = round(1.0 / (rate * STEP))  #: Physics steps of a state
-        self.tick = 0  #: Of the robot [ms]
+        self.tick = 0  #: Physics steps so far [ms]
         self.refused = 0  #: Commands that were not valid
         self.received = 0  #: Commands that were
         self.command: JointCommand | None = None
@@ -135,12 +136,19 @@ class HangingRobot:
 
 
 class StepLink:
-    """A robot in the same process instead of a network; commands take effect ``delay`` steps later."""
+    """A robot in the same process instead of a network; commands take effect ``delay`` steps later.
+
+    ``states_pass`` and ``commands_pass`` return what arrives of a message on the cable, None when it is lost.
+    """
 
     def __init__(self, robot: HangingRobot, delay: int = 0) -> None:
         self.robot, self.delay = robot, delay
         self.connected = True
-        self.sent: list[bytes] = []
+        self.states_pass: Callable[[Any], Any] = lambda message: message
+        self.commands_pass: Callable[[bytes], bytes | None] = lambda data: data
+        self.sent: list[bytes] = []  #: By the driver
+        self.receivers: list[Callable[[bytes], object]] = []  #: Further readers of commands at this end of the cable
+        self.state_receivers: list[Callable[[Any], object]] = []  #: Of what the robot sends
         self._states: list[Any] = []
         self._on_the_way: list[tuple[int, bytes]] = []
 
@@ -150,7 +158,15 @@ class StepLink:
             self.robot.receive(self._on_the_way.pop(0)[1])
         self.robot.step()
         if self.robot.due and self.connected:
-            self._states += self.robot.states()
+            for message in self.robot.states():
+                if (passed := self.states_pass(message)) is not None:
+                    self._states.append(passed)
+                    for receive in self.state_receivers:
+                        receive(passed)
+
+    def drop(self) -> None:
+        """Lose the commands that are on the way."""
+        self._on_the_way.clear()
 
     def take(self) -> list[Any]:
         """What the robot has sent since the last call."""
@@ -158,10 +174,16 @@ class StepLink:
         return found
 
     def send(self, data: bytes) -> None:
-        """Send a command to the robot."""
-        if self.connected:
-            self.sent.append(data)
-            self._on_the_way.append((self.robot.tick + self.delay, data))
+        """Send a command of the driver to the robot."""
+        self.sent.append(data)
+        self.publish(data)
+
+    def publish(self, data: bytes) -> None:
+        """A command of any program at this end of the cable."""
+        for receive in self.receivers:
+            receive(data)
+        if self.connected and (passed := self.commands_pass(data)) is not None:
+            self._on_the_way.append((self.robot.tick + self.delay, passed))
 
     def close(self) -> None:
         """Disconnect."""

@@ -2,18 +2,25 @@
 
 import numpy as np
 
+from controllers.joints.joint_servo import fade_to_damping
+from models.robot_model import RobotModel
+from models.types import JointCommand
+
 SILENCE = 0.02  #: Time without a command of the driver after which the guard damps [s]
 
 
 class SilenceGuard:
     """Measures the silence of the driver; a guard of one protocol receives its commands and makes damping ones.
 
-    It has no effect before the driver's first command. ``active`` is whether the guard commands, ``interventions``
-    counts how often it began to.
+    The torque of the last command fades into damping, as the driver's own would. The guard has no effect before the
+    driver's first command. ``active`` is whether the guard commands, ``interventions`` counts how often it began to.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, model: RobotModel) -> None:
+        self._model = model
         self._last = -np.inf  # time of the driver's last command [s]
+        self._command: JointCommand | None = None  # the driver's last one, while the guard commands
+        self._since = 0.0  # when the guard began to command [s]
         self.active = False
         self.interventions = 0
         self.refused = 0  #: Messages that cannot be used
@@ -30,15 +37,30 @@ class SilenceGuard:
 
     def step(self, now: float) -> bytes | None:
         """The command to publish at a time [s]; None while the driver commands, or has not begun."""
-        silent = self.armed and self.silence(now) > SILENCE
-        if silent and not self.active:
+        self.active = self.armed and self.silence(now) > SILENCE
+        if not self.active:
+            return None
+        if self._command is None:
             self.interventions += 1
-        self.active = silent
-        return self._damping_command(now) if silent else None
+            self._since, self._command = now, self._last_command()
+        return self._encode(fade_to_damping(self._model, self._command, now - self._since), now)
 
     def final_command(self) -> bytes | None:
         """The command that is left in force when the guard ends; None for the last damping one."""
         return None
 
-    def _damping_command(self, now: float) -> bytes:
+    def _on_command(self, now: float) -> None:
+        """The driver has commanded at a time [s]."""
+        self._last, self._command = now, None
+
+    def _disarm(self) -> None:
+        """The driver commands no longer, by intention."""
+        self._last, self._command = -np.inf, None
+
+    def _last_command(self) -> JointCommand:
+        """Command of the driver's last message."""
+        raise NotImplementedError
+
+    def _encode(self, command: JointCommand, now: float) -> bytes:
+        """Serialised message of a command of the guard at a time [s]."""
         raise NotImplementedError

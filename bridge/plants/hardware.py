@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from bridge.plants.base import HardwarePlant
+from controllers.joints.joint_servo import damping_command, fade_to_damping
 from models.files import state_folder
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
@@ -16,7 +17,7 @@ MILLISECONDS = 0.001  #: Tick of a counter of milliseconds [s]
 GAP_MAX = 2.0  #: Largest step of the robot's clock that is no restart [s]
 RATE_WINDOW = 0.5  #: Over which the rate of the samples is measured [s]
 RATE_TOLERANCE = 0.1  #: Relative deviation of that rate that is accepted at the start [-]
-CLOSE_COMMANDS, CLOSE_PERIOD = 25, 0.002  #: Damping commands that ``close`` sends, and the time between two [s]
+CLOSE_COMMANDS, CLOSE_PERIOD = 100, 0.002  #: Commands with which ``close`` damps, and the time between two [s]
 
 
 class RobotClock:
@@ -104,13 +105,17 @@ class RunMarker:
             self._file.touch()
 
     def remove(self) -> None:
-        """Mark the end, after the last command."""
+        """Mark the end, after the last command; the next command begins another run."""
+        self.made = self.crashed = False
         with suppress(OSError):
             self._file.unlink(missing_ok=True)
 
 
-class Closable(Protocol):
+class CommandSender(Protocol):
     """A connection to a robot."""
+
+    def send(self, data: bytes) -> None:
+        """Send a serialised command."""
 
     def close(self) -> None:
         """Leave the robot's domain."""
@@ -119,9 +124,9 @@ class Closable(Protocol):
 class RealPlant(HardwarePlant):
     """Period, mark and end of the plant of a real robot.
 
-    ``close`` damps the joints, also when the robot was not commanded by this driver after a crash. ``name`` is that of
-    the plant, ``where`` that of the robot's interface and domain; they name the file of the mark where ``marker`` is
-    empty. ``period`` is the time between two samples [s].
+    ``close`` fades the torque of the last command into damping, and damps also when the robot was not commanded by this
+    driver after a crash. ``name`` is that of the plant, ``where`` that of the robot's interface and domain; they name
+    the file of the mark where ``marker`` is empty. ``period`` is the time between two samples [s].
     """
 
     def __init__(self, model: RobotModel, name: str, where: str, marker: str, period: float) -> None:
@@ -129,12 +134,12 @@ class RealPlant(HardwarePlant):
         self.counter = SampleCounter(period)  #: Of the samples
         nothing, three = np.full(model.nj, np.nan), np.full(3, np.nan)
         self._sensors = SensorData(0.0, nothing, nothing, nothing, three, three, np.full((2, 6), np.nan))
-        zero = np.zeros(model.nj)
-        self._damping = JointCommand(zero, zero, zero, zero, model.kd)
+        self._model = model
+        self._sent = b""  # the last command
         self._marker = RunMarker(Path(marker) if marker else state_folder(name) / where)
         self._stop = ""
         self._closed = False
-        self._link: Closable
+        self._link: CommandSender
 
     @property
     def period(self) -> float:
@@ -159,16 +164,19 @@ class RealPlant(HardwarePlant):
         """Send a command; nothing is sent before the first sample."""
         if self._sampled and not self._closed:
             self._marker.make()
-            self._send(command)
+            self._sent = self._encode_command(command)
+            self._link.send(self._sent)
 
     def close(self) -> None:
         """Damp the joints and leave the domain."""
         if self._closed:
             return
         if self._sampled and (self._marker.made or self.crashed):
-            for _ in range(CLOSE_COMMANDS):
+            last = self._decode_command(self._sent) if self._sent else damping_command(self._model)
+            for count in range(CLOSE_COMMANDS):
                 self.read()
-                self._send(self._damping)
+                command = fade_to_damping(self._model, last, count * CLOSE_PERIOD)
+                self._link.send(self._encode_command(command))
                 time.sleep(CLOSE_PERIOD)
             self._finish()
         self._closed = True
@@ -176,7 +184,12 @@ class RealPlant(HardwarePlant):
         if self._sampled or self._marker.made:
             self._marker.remove()
 
-    def _send(self, command: JointCommand) -> None:
+    def _encode_command(self, command: JointCommand) -> bytes:
+        """Serialised message of a command at the newest state."""
+        raise NotImplementedError
+
+    def _decode_command(self, data: bytes) -> JointCommand:
+        """Command of such a message."""
         raise NotImplementedError
 
     def _finish(self) -> None:

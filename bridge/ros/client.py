@@ -219,18 +219,20 @@ def overview(client: Client) -> dict[str, str]:
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
         "real-time factor": f"{factor[-1]:.2f}" if factor else "unknown",
         "in command": commander[-1] if commander else "unknown",
-        **(_start_lines(start[-1]) if start else {}),
-        "next": next_step(status) if not start or not start[-1].waits_for else start[-1].waits_for,
+        **(start_lines(start[-1]) if start else {}),
+        "next": next_step(status, start[-1] if start else None),
     }
 
 
-def _start_lines(start: StartStatus) -> dict[str, str]:
+def start_lines(start: StartStatus) -> dict[str, str]:
     """Lines of a real robot."""
     return {"start": start.state, "monitors": "; ".join((*start.holds, *start.warnings)) or "no warnings"}
 
 
-def next_step(status: SupervisorStatus) -> str:
-    """What to do next, by the supervisor's status."""
+def next_step(status: SupervisorStatus, start: StartStatus | None = None) -> str:
+    """What to do next, by the status of the supervisor and, optionally, of the start of a real robot."""
+    if start is not None and start.waits_for:
+        return start.waits_for
     moving = status.mode not in (Mode.OFF, Mode.DAMP)
     if status.fallen and not moving:
         return GET_UP

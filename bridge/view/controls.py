@@ -72,6 +72,7 @@ class Controls:
             ("capture margin", "-" if math.isnan(margin) else f"{100 * margin:.1f} cm"),
             ("real-time factor", "unknown" if math.isnan(words.factor) else f"{words.factor:.2f}"),
             ("time", "unknown" if snapshot is None else f"{snapshot.t:.1f} s"),
+            *words.start,
             ("next", words.next),
         ]
         lines = [f"<b>{words.waiting}</b>"] if words.waiting else []

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
-from bridge.ros.client import Client, next_step
+from bridge.ros.client import Client, next_step, start_lines
 from bridge.ros.environment import ignore, newest
 from bridge.ros.processes import in_namespace
 from models.config import STRICT, Positive
@@ -26,7 +26,7 @@ from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.nodes.status import subscribe_status
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.status import ControlStatus
+from models.status import ControlStatus, StartStatus
 from models.types import Matrix, Mode, Vector
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import foothold_from_pose
@@ -75,6 +75,7 @@ class Words:
     commander: str = ""  #: Source in command
     factor: float = float("nan")  #: Real-time factor; NaN while unknown
     faults: tuple[tuple[str, str], ...] = ()  #: What is not well, a topic, node or quantity, each with the reason
+    start: tuple[tuple[str, str], ...] = ()  #: State of the start and of the monitors; a real robot has them
     next: str = ""  #: What to do next
     waiting: str = ""  #: What the picture waits for; empty while its data arrive
     tick_median: float = float("nan")  #: Of the controller's last ticks [us]; NaN before its first diagnostics
@@ -105,6 +106,7 @@ class Listener:
         self._footsteps: tuple[tuple[int, Foothold], ...] = ()
         self._margin, self._since = float("nan"), time.monotonic()
         self._words = Words()
+        self._start: StartStatus | None = None
         self._received: dict[str, float] = {}  # monotonic time of the newest sample by topic [s]
         self._statuses: dict[str, tuple[float, Any]] = {}  # the same, and diagnostics, by node
         self._refusals: dict[str, tuple[float, str]] = {}  # the same, and reason, by node or topic
@@ -118,6 +120,7 @@ class Listener:
         listen(Path, topics.FOOTSTEPS, self._on_footsteps, EVENT)
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
         subscribe_status(client.node, ControlStatus, topics.CONTROL_STATUS, self._on_control)
+        subscribe_status(client.node, StartStatus, topics.START_STATUS, self._on_start, LATCHED)
 
     def poll(self) -> Snapshot | None:
         """Newest state; None before joints and base have arrived. Malformed messages are faults of ``words``."""
@@ -182,7 +185,8 @@ class Listener:
             mode=client.mode,
             drivers=client.driver_state,
             faults=tuple(faults),
-            next=next_step(client.status) if alive and client.status is not None else START,
+            start=() if self._start is None else tuple(start_lines(self._start).items()),
+            next=next_step(client.status, self._start) if alive and client.status is not None else START,
             waiting=f"waiting for data on {', '.join(absent)}" if absent else "",
         )
 
@@ -218,6 +222,9 @@ class Listener:
         for status in message.status:
             if not (space := self._client.namespace) or status.name.startswith(f"{space}/"):
                 self._statuses[status.name] = (time.monotonic(), status)
+
+    def _on_start(self, status: StartStatus) -> None:
+        self._start = status
 
     def _on_control(self, status: ControlStatus) -> None:
         self._words = replace(self._words, tick_median=status.tick_median_us, tick_tail=status.tick_tail_us)

@@ -244,11 +244,41 @@ class JointServo:
             np.multiply(self._tau_at_fault, 1.0 - share, out=desired[2])
 
 
+def damping_command(model: RobotModel) -> JointCommand:
+    """Damping alone, the end of every fade after a fault: tau = -damping_scale kd v."""
+    zero = np.zeros(model.nj)
+    config = default_config(JointServoConfig, "controllers", "joint_servo")
+    return JointCommand(zero, zero, zero, zero, config.damping_scale * model.kd)
+
+
+def mean_command(model: RobotModel, first: JointCommand, second: JointCommand, share: float) -> JointCommand:
+    """The command whose torque is (1 - share) that of the first plus share that of the second, at any state.
+
+    The torque of the mean is linear in q and v: its gains are the means of the gains, its position and velocity those
+    of the second command, and the remainder is torque.
+    """
+    (q, v, tau, kp, kd), (to_q, to_v, to_tau, to_kp, to_kd) = _rows(model, first), _rows(model, second)
+    rest = tau + kp * (q - to_q) + kd * (v - to_v)
+    left = 1.0 - share
+    return JointCommand(to_q, to_v, left * rest + share * to_tau, left * kp + share * to_kp, left * kd + share * to_kd)
+
+
+def fade_to_damping(model: RobotModel, last: JointCommand, elapsed: float) -> JointCommand:
+    """Command at a time [s] after a fault: the torque of the ``last`` one fades into damping over ``damped_ramp``."""
+    ramp = default_config(JointServoConfig, "controllers", "joint_servo").damped_ramp
+    return mean_command(model, last, damping_command(model), elapsed / ramp if elapsed < ramp else 1.0)
+
+
+def _rows(model: RobotModel, command: JointCommand) -> tuple[Vector, Vector, Vector, Vector, Vector]:
+    """q, v, tau, kp and kd of a command (nj,), the gains of the profile where it has none."""
+    kp = model.kp if command.kp is None else command.kp
+    return command.q, command.v, command.tau, kp, model.kd if command.kd is None else command.kd
+
+
 def drive_torque(model: RobotModel, command: JointCommand, q: Vector, v: Vector) -> Vector:
     """The law of the drives (nj,); zero where a measurement that a gain acts on is not finite."""
-    kp, kd = model.kp if command.kp is None else command.kp, model.kd if command.kd is None else command.kd
     tau = np.empty(len(q))
-    _finite_pd(command.q, command.v, command.tau, kp, kd, q, v, tau)
+    _finite_pd(*_rows(model, command), q, v, tau)
     return tau
 
 

@@ -54,8 +54,9 @@ def _mass(model: RobotModel, config: SupervisorConfig, description: str | None) 
         mass = described_mass(description)
     except RobotModelError as error:
         return [str(error)]
-    if abs(mass - model.mass) > config.mass_tolerance * model.mass:
-        return [f"robot_description weighs {mass:.2f} kg, the model '{model.name}' {model.mass:.2f} kg"]
+    expected = model.mass - model.profile.payload.mass
+    if abs(mass - expected) > config.mass_tolerance * expected:
+        return [f"robot_description weighs {mass:.2f} kg, the model '{model.name}' {expected:.2f} kg"]
     return []
 
 

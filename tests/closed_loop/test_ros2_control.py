@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 
 from bridge.driver.drivers import HardwareDrivers
 from bridge.driver.startup import StartState
-from bridge.hardware_loop import Ros2ControlLoop
+from bridge.hardware_loop import Process, Ros2ControlLoop
 from bridge.plants.ros2_control.config import FEET, IMU, JOINTS
 from bridge.plants.ros2_control.plant import Ros2ControlPlant
 from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
@@ -59,8 +59,7 @@ def test_it_starts_stands_waves_and_walks(tmp_path: Path, options: dict[str, Any
     loop = loop_of(tmp_path, seed=3, **options)
     loop.start()
     loop.unhook()
-    passed = {StartState.RELEASE, StartState.DAMPED}  # no controller is to be released
-    assert loop.history == [str(each) for each in StartState if each not in passed]
+    assert loop.history == [str(each) for each in StartState if each is not StartState.DAMPED]
     before = loop.side.base
     loop.run(2.0)
     assert np.abs(loop.side.base - before).max() < 0.005
@@ -85,7 +84,7 @@ def test_nothing_is_sent_before_the_gantry_is_confirmed(tmp_path: Path) -> None:
     loop.run(1.0)
     assert not loop.link.sent
     loop.startup.confirm_gantry()
-    loop.run(0.1)
+    loop.run(0.2)
     assert loop.link.sent
 
 
@@ -127,14 +126,31 @@ def test_joint_states_missing_for_10_ms_are_ridden_through(standing: Ros2Control
     assert not standing.failure and standing.plant.counter.lost == 10
 
 
+def test_the_guard_fades_the_torque_of_a_driver_that_was_killed(standing: Ros2ControlLoop) -> None:
+    standing.step()
+    last = standing.side.drive().tau
+    standing.running.discard(Process.DRIVER)
+    torques = []
+    for _ in range(300):
+        standing.step()
+        torques.append(standing.side.drive().tau)
+    assert standing.guard.active and standing.guard.interventions == 1 and not standing.guard.refused
+    steps = np.abs(np.diff([last, *torques[:40]], axis=0))  # until the robot, which is damped, hits the floor
+    assert steps.max() < 0.25 * np.abs(last).max()  # all of it without the fade
+
+
 def test_close_damps_and_leaves_no_torque(standing: Ros2ControlLoop, tmp_path: Path) -> None:
     marker = tmp_path / "marker"
     assert marker.exists()
     crashed = Ros2ControlPlant(standing.robot, marker=str(marker), link=DirectControlLink(standing.side))
     assert crashed.crashed and HardwareDrivers(crashed, standing.robot).state == "damped"
+    standing.side.receive(standing.link.sent[-1])
+    last = standing.side.drive().tau
     standing.link.sent.clear()
     standing.plant.close()
     assert len(standing.link.sent) > 20 and not marker.exists()
+    standing.side.receive(standing.link.sent[0])
+    np.testing.assert_allclose(standing.side.drive().tau, last, atol=1e-9)
     standing.side.receive(standing.link.sent[-1])
     assert not np.any(standing.side.drive().tau)
     assert "configure it again" in standing.plant.findings[0]

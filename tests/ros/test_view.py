@@ -30,7 +30,7 @@ from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import describe
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.status import GET_UP, ControlStatus, SupervisorStatus
+from models.status import GET_UP, ControlStatus, StartStatus, SupervisorStatus
 from models.types import Mode, SolveStatus
 from planners.gait.config import load_gait_config
 from planners.gait.footsteps import LEFT, Foothold
@@ -138,6 +138,24 @@ def test_before_and_after_the_data_it_is_named_what_is_waited_for(client: Client
     feet = "waiting for data on /foot/left/wrench, /foot/right/wrench"
     until(client, bench, lambda: listener.poll() is not None and listener.words().waiting == feet, publish)
     until(client, bench, lambda: listener.poll() is not None and "/joint_states" in listener.words().waiting)
+    listener.close()
+
+
+def test_the_start_and_the_monitors_of_a_real_robot(client: Client, bench: Bench, g1: RobotModel) -> None:
+    listener, world = Listener(g1, client, CONFIG), bench.world
+    assert listener.words().start == ()
+    start = StatusTopic(world, topics.START_STATUS, LATCHED)
+    supervisor = StatusTopic(world, topics.SUPERVISOR_STATUS, LATCHED)
+    diagnostics = world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+    status = StartStatus("hanging", "the operator: call start/lower", warnings=("44 V",), holds=("91 degC",))
+
+    def publish() -> None:
+        start.publish(status)
+        supervisor.publish(SupervisorStatus("g1", Mode.OFF, 0, "", ()))
+        diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name="/robot_driver")]))
+
+    until(client, bench, lambda: listener.words().next == "the operator: call start/lower", publish)
+    assert listener.words().start == (("start", "hanging"), ("monitors", "91 degC; 44 V"))
     listener.close()
 
 

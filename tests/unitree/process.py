@@ -79,7 +79,7 @@ class RosSide:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
         from bridge.plants.participant import SENSOR, ignore, join
-        from bridge.plants.unitree.link import CHECK, RELEASE
+        from bridge.plants.unitree.link import RELEASE, VERSION
         from models.nodes.interfaces import interface as find
 
         self._robot = robot
@@ -92,7 +92,7 @@ class RosSide:
         request, self._response = (find("unitree_api", "msg", name) for name in ("Request", "Response"))
         self._requests = self._node.create_subscription(request, "api/motion_switcher/request", ignore, 10)
         self._responses = self._node.create_publisher(self._response, "api/motion_switcher/response", 10)
-        self._check, self._release = CHECK, RELEASE
+        self._version, self._release = VERSION, RELEASE
         self.sent: dict[int, float] = {}
         self.answers: list[float] = []  #: From a state to the command written with it as the newest [s]
         self.gaps: list[float] = []  #: Between two commands [s]
@@ -127,6 +127,8 @@ class RosSide:
             if request.header.identity.api_id == self._release:
                 self._robot.vendor = ""
             response.data = json.dumps({"form": "0", "name": self._robot.vendor})
+            if request.header.identity.api_id == self._version:
+                response.data = self._robot.switcher_version
             self._responses.publish(response)
 
 

@@ -9,6 +9,7 @@
 Joints are in the order of the robot's profile, which is that of Pinocchio. A command is marked with its sender.
 """
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,8 +19,10 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from bridge.plants.ros2_control.config import Ros2ControlConfig
 from controllers.joints.joint_servo import drive_torque
+from models.errors import MessageError
 from models.nodes.cdr import STAMP_OFFSET, STAMP_SIZE, Template
 from models.nodes.interfaces import interface
+from models.nodes.messages import decode
 from models.robot_model import RobotModel
 from models.types import JointCommand, Vector
 
@@ -41,6 +44,9 @@ class CommandCodec(Protocol):
 
     def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
         """Serialised message of a command for the state q [rad], v [rad/s] (nj,), measured at a stamp [ns]."""
+
+    def decode(self, data: bytes) -> JointCommand:
+        """Command in a message of ``encode`` with any mark; ``MessageError`` for other sizes."""
 
     def mark(self, data: bytes) -> str:
         """Mark of the sender of a serialised message; empty without one."""
@@ -72,6 +78,9 @@ class EffortCodec(CommandCodec):
         torque = np.clip(drive_torque(self._model, command, q, v), -limit, limit)
         return self._begin + torque.astype("<f8").tobytes()
 
+    def decode(self, data: bytes) -> JointCommand:
+        return JointCommand.torque(_numbers("data", decode(data, self.kind).data, self._model.nj))
+
     def mark(self, data: bytes) -> str:
         return _text(data, _LABEL) if data[_DIMENSIONS:_LABEL] != bytes(4) else ""
 
@@ -98,6 +107,10 @@ class PvtCodec(CommandCodec):
         for column, values in enumerate((command.q, command.v, command.tau, kp, kd)):
             self._rows[:, column] = values
         return self._template.pack(stamp, list(self._rows))
+
+    def decode(self, data: bytes) -> JointCommand:
+        values = [value for group in decode(data, self.kind).interface_values for value in group.values]
+        return JointCommand(*_numbers("interface_values", values, self._rows.size).reshape(self._rows.shape).T)
 
     def mark(self, data: bytes) -> str:
         return _text(data, _FRAME_ID)
@@ -139,6 +152,18 @@ class FeedbackCodec(CommandCodec):
         self._matrix[self._stiffness], self._matrix[self._damping] = _gains(command, self._gains)
         return self._template.pack(stamp, [self._matrix.ravel(), command.tau, command.q, command.v])
 
+    def decode(self, data: bytes) -> JointCommand:
+        message = decode(data, self.kind)
+        joints, nj = message.initial_state.joint_state, len(self._matrix)
+        gains = _numbers("feedback_gain", message.feedback_gain.data, self._matrix.size).reshape(self._matrix.shape)
+        return JointCommand(
+            q=_numbers("position", joints.position, nj),
+            v=_numbers("velocity", joints.velocity, nj),
+            tau=_numbers("feedforward", message.feedforward.data, nj),
+            kp=gains[self._stiffness],
+            kd=gains[self._damping],
+        )
+
     def mark(self, data: bytes) -> str:
         return _text(data, _FRAME_ID)
 
@@ -154,6 +179,13 @@ def command_codec(model: RobotModel, config: Ros2ControlConfig, mark: str) -> Co
 
 def _gains(command: JointCommand, default: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
     return default[0] if command.kp is None else command.kp, default[1] if command.kd is None else command.kd
+
+
+def _numbers(name: str, values: Sequence[float], count: int) -> Vector:
+    """Values of a field (count,); ``MessageError`` for another number of them."""
+    if len(values) != count:
+        raise MessageError(f"{name}: {len(values)} values instead of {count}")
+    return np.array(values, dtype=np.float64)
 
 
 def _text(data: bytes, offset: int) -> str:

@@ -7,6 +7,7 @@ from bridge.plants.ros2_control.commands import DRIVER, GUARD, CommandCodec
 from bridge.plants.ros2_control.config import JOINTS
 from bridge.plants.ros2_control.link import Message
 from bridge.plants.ros2_control.sensors import JointStateDecoder
+from controllers.joints.joint_servo import damping_command
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import JointCommand
@@ -15,14 +16,15 @@ from models.types import JointCommand
 class ControlGuard(SilenceGuard):
     """Watches the commands of the driver and the joint states, and makes damping commands while there are none.
 
-    A controller of torques gets -kd v of the newest joint state, and no torque while there is none and at the end.
+    A controller of torques gets -kd v of the newest joint state. While there is none it gets only the part of the last
+    torque that has not faded yet, and at the end no torque.
     """
 
     def __init__(self, model: RobotModel, codec: CommandCodec) -> None:
-        super().__init__()
+        super().__init__(model)
         self._joints, self._codec = JointStateDecoder(model), codec
+        self._data = b""  # the driver's last command
         zero = np.zeros(model.nj)
-        self._damping, self._limp = JointCommand(zero, zero, zero, zero, model.kd), JointCommand.torque(zero)
         self._stamp, self._q, self._v = 0, zero, zero
         self._measured = -np.inf  # time of the newest joint state [s]
 
@@ -38,16 +40,24 @@ class ControlGuard(SilenceGuard):
             return
         mark = self._codec.mark(data)
         if mark == DRIVER:
-            self._last = now
+            self._on_command(now)
+            self._data = data
         elif mark != GUARD:
             self.strangers += 1
 
     def final_command(self) -> bytes | None:
-        return self._encode(self._limp) if self._codec.evaluated else None
+        if not self._codec.evaluated:
+            return None
+        return self._codec.encode(self._stamp, JointCommand.torque(np.zeros(self._model.nj)), self._q, self._v)
 
-    def _damping_command(self, now: float) -> bytes:
-        measured = not self._codec.evaluated or now - self._measured < SILENCE
-        return self._encode(self._damping if measured else self._limp)
+    def _last_command(self) -> JointCommand:
+        try:
+            return self._codec.decode(self._data)
+        except PoiseError:
+            self.refused += 1
+            return damping_command(self._model)
 
-    def _encode(self, command: JointCommand) -> bytes:
+    def _encode(self, command: JointCommand, now: float) -> bytes:
+        if self._codec.evaluated and not now - self._measured < SILENCE:
+            command = JointCommand.torque(command.tau)
         return self._codec.encode(self._stamp, command, self._q, self._v)

@@ -57,7 +57,7 @@ class Ros2ControlPlant(RealPlant):
         **options: Any,
     ) -> None:
         self.config = config = read_config(options)
-        self._model, self._where = model, f"{network_interface}, domain {domain}"
+        self._where = f"{network_interface}, domain {domain}"
         super().__init__(model, "ros2_control", f"{network_interface}-{domain}", marker, 1.0 / config.rate)
         self._clock = RobotClock(self._period, GAP_MAX, NANOSECOND, 1 << 63)
         self._sources = sources(model)
@@ -147,22 +147,22 @@ class Ros2ControlPlant(RealPlant):
         names = [getattr(self.config.controllers, source) for source in (*self._sources, "command")]
         return [_advice(name, states.get(name)) for name in names if states.get(name) != ACTIVE]
 
-    def write(self, command: JointCommand) -> None:
-        """As ``RealPlant``; torques of an old state have no gains.
+    def _encode_command(self, command: JointCommand) -> bytes:
+        """Message of a command; torques of an old state have no gains.
 
         Without a state for ``STATE_AGE_MAX``, a controller of torques gets the feed-forward torque alone: the gains
         would act on an old velocity.
         """
         if self._codec.evaluated and self.counter.silence > STATE_AGE_MAX:
             command = JointCommand.torque(command.tau)
-        super().write(command)
+        return self._codec.encode(self._seen.get(JOINTS, 0), command, self._sensors.q, self._sensors.v)
 
-    def _send(self, command: JointCommand) -> None:
-        self._link.send(self._codec.encode(self._seen.get(JOINTS, 0), command, self._sensors.q, self._sensors.v))
+    def _decode_command(self, data: bytes) -> JointCommand:
+        return self._codec.decode(data)
 
     def _finish(self) -> None:
         if self._codec.evaluated:
-            self._send(JointCommand.torque(np.zeros(self._model.nj)))
+            self._link.send(self._encode_command(JointCommand.torque(np.zeros(self._model.nj))))
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -211,6 +211,9 @@ class Ros2ControlPlant(RealPlant):
 
     def release_vendor(self) -> None:
         """No effect: the operator activates the command controller."""
+
+    def hand_over(self) -> None:
+        """No effect: no other controller becomes active by itself."""
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from bridge.plants.hardware import RobotClock
 from bridge.plants.unitree.wire import MOTORS, new_low_cmd, read_low_state, write_low_cmd
-from models.errors import ConfigError
+from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData, Vector
 
@@ -25,6 +25,7 @@ PITCH_ROLL = 0  #: ``mode_pr``: ankles are commanded by pitch and roll
 ENABLED = 1  #: ``mode`` of a drive that executes its command
 #: First reserved word of a LowCmd of the driver, and of its guard; the robot ignores it
 MARK, GUARD_MARK = 0x504F4953, 0x504F4947
+_MARK_AT, _SESSION_AT = -20, -12  #: Bytes of that word and of the session in a serialised LowCmd, from its end
 #: Buttons of the remote controller by bit, from byte 2 of ``wireless_remote``
 BUTTONS = ("R1", "L1", "start", "select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left")
 _XYZW = [1, 2, 3, 0]  #: Order of a quaternion wxyz as xyzw
@@ -54,10 +55,10 @@ class UnitreeCodec:
     """Converts between serialised messages and the records of this project.
 
     The motors are those of the joints of ``model``, in its order; ``ConfigError`` for a robot with other joints.
-    Values of the feet are nan: the robot does not measure them.
+    Values of the feet are nan: the robot does not measure them. A LowCmd carries the ``session`` of its driver.
     """
 
-    def __init__(self, model: RobotModel, clock: RobotClock) -> None:
+    def __init__(self, model: RobotModel, clock: RobotClock, session: int = 0) -> None:
         if model.joint_names != G1_JOINTS:
             raise ConfigError(
                 f"robot '{model.name}': unitree_hg is known for the 29 joints of a G1 in their order; this robot has "
@@ -67,7 +68,7 @@ class UnitreeCodec:
         self._wrenches = np.full((2, 6), np.nan)
         self._record = new_low_cmd()
         self._record["mode_pr"] = PITCH_ROLL
-        self._record["reserve"][0] = MARK
+        self._record["reserve"][0], self._record["reserve"][2] = MARK, session
         self._motors = self._record["motor_cmd"][: self._nj]
         self._motors["mode"] = ENABLED
         self._kp, self._kd = model.kp, model.kd
@@ -76,6 +77,10 @@ class UnitreeCodec:
         """Contents of a serialised LowState; ``MessageError`` for a wrong size, checksum, or values not finite."""
         record = read_low_state(data)
         motors = record["motor_state"][: self._nj]
+        measured = [motors[name] for name in ("q", "dq", "tau_est")]
+        imu = [record[name] for name in ("quaternion", "gyroscope", "accelerometer")]
+        if not np.isfinite(np.concatenate([*measured, *imu])).all():
+            raise MessageError("lowstate: joints or IMU are not finite")
         tick = int(record["tick"])
         sensors = SensorData(
             t=self._clock.step(tick),
@@ -97,14 +102,28 @@ class UnitreeCodec:
             remote=record["wireless_remote"].tobytes(),
         )
 
-    def encode(self, command: JointCommand, mode_machine: int, tick: int = 0) -> bytes:
-        """Serialised LowCmd of a command; ``mode_machine`` and the newest ``tick`` are those of the robot."""
-        motors = self._motors
-        motors["q"], motors["dq"], motors["tau"] = command.q, command.v, command.tau
-        motors["kp"] = self._kp if command.kp is None else command.kp
-        motors["kd"] = self._kd if command.kd is None else command.kd
+    def encode(self, command: JointCommand, mode_machine: int, tick: int = 0, last: bool = False) -> bytes:
+        """Serialised LowCmd of a command; ``mode_machine`` and the newest ``tick`` are those of the robot.
+
+        After the ``last`` one the guard no longer damps the robot.
+        """
+        set_command(self._motors, command, self._kp, self._kd)
         self._record["mode_machine"], self._record["reserve"][1] = mode_machine, tick
+        self._record["reserve"][3] = last
         return write_low_cmd(self._record)
+
+
+def set_command(motors: Any, command: JointCommand, kp: Vector, kd: Vector) -> None:
+    """Write a command to its motors in a record of LowCmd, with these gains (nj,) where it has none."""
+    motors["q"], motors["dq"], motors["tau"] = command.q, command.v, command.tau
+    motors["kp"] = kp if command.kp is None else command.kp
+    motors["kd"] = kd if command.kd is None else command.kd
+
+
+def is_foreign(data: bytes, session: int) -> bool:
+    """Whether a serialised LowCmd is neither of the driver with this session nor of a guard; no checksum is checked."""
+    mark, other = (int.from_bytes(data[at : at + 4], "little") for at in (_MARK_AT, _SESSION_AT))
+    return mark != GUARD_MARK and (mark, other) != (MARK, session)
 
 
 def joint_command(record: Any, nj: int) -> JointCommand:

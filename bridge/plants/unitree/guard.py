@@ -1,23 +1,25 @@
 """Guard of a Unitree robot, which keeps the last command for ever."""
 
+from typing import Any
+
 from bridge.plants.guard import SilenceGuard
-from bridge.plants.unitree.codec import GUARD_MARK, MARK
+from bridge.plants.unitree.codec import GUARD_MARK, MARK, joint_command, set_command
 from bridge.plants.unitree.wire import read_low_cmd, write_low_cmd
 from models.errors import MessageError
-from models.types import Vector
+from models.robot_model import RobotModel
+from models.types import JointCommand
 
 
 class DampingGuard(SilenceGuard):
     """Watches the LowCmds of the driver, which carry ``MARK``, and makes damping ones while there are none.
 
-    The driver's first command is what releases the robot's own controller. ``damping`` (nj,) are the gains
-    [N.m.s/rad].
+    The driver's first command is what releases the robot's own controller. The driver's ``last`` command, for the
+    robot's own controller that has become active, disarms the guard.
     """
 
-    def __init__(self, damping: Vector) -> None:
-        super().__init__()
-        self._damping = damping
-        self._command = b""
+    def __init__(self, model: RobotModel) -> None:
+        super().__init__(model)
+        self._record: Any = None  # of the driver's last command, and of those of the guard
 
     def receive(self, data: bytes, now: float) -> None:
         """A LowCmd from the network at a time [s]."""
@@ -28,15 +30,17 @@ class DampingGuard(SilenceGuard):
             return
         if record["reserve"][0] != MARK:
             self.strangers += int(record["reserve"][0] != GUARD_MARK)
-            return
-        if not self.armed or self.active:
-            motors = record["motor_cmd"]
-            for name in ("q", "dq", "tau", "kp", "kd"):
-                motors[name] = 0.0
-            motors["kd"][: len(self._damping)] = self._damping
-            record["reserve"][0] = GUARD_MARK
-            self._command = write_low_cmd(record)
-        self._last = now
+        elif record["reserve"][3]:
+            self._disarm()
+        else:
+            self._on_command(now)
+            self._record = record
 
-    def _damping_command(self, now: float) -> bytes:
-        return self._command
+    def _last_command(self) -> JointCommand:
+        return joint_command(self._record, self._model.nj)
+
+    def _encode(self, command: JointCommand, now: float) -> bytes:
+        model, record = self._model, self._record
+        record["reserve"][0] = GUARD_MARK
+        set_command(record["motor_cmd"][: model.nj], command, model.kp, model.kd)
+        return write_low_cmd(record)

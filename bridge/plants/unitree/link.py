@@ -1,7 +1,7 @@
 """Connection to a Unitree robot: a separate participant in the robot's DDS domain, polled, without an executor.
 
 Unitree's services are two topics each: a request and a response with the same id. ``motion_switcher`` names the active
-controller of the robot (``CHECK``) and ends it (``RELEASE``).
+controller of the robot (``CHECK``), ends it (``RELEASE``), and names the version of its functions (``VERSION``).
 """
 
 import json
@@ -15,7 +15,7 @@ from bridge.plants.participant import QUEUE, SENSOR, ignore, join, take, take_al
 from models.errors import MessageError
 from models.nodes.interfaces import interface
 
-CHECK, RELEASE = 1001, 1003  #: Functions of the motion switcher
+VERSION, CHECK, RELEASE = 1, 1001, 1003  #: Functions of the motion switcher
 SWITCHER = "api/motion_switcher"  #: Its topics are ``request`` and ``response`` below this name
 RETRY = 0.5  #: Time without an answer after which a request is repeated [s]
 LOOK = 0.02  #: Time between two checks for an answer [s]
@@ -30,8 +30,14 @@ class RobotLink(Protocol):
     def send(self, data: bytes) -> None:
         """Publish a serialised LowCmd."""
 
+    def commands(self) -> list[bytes]:
+        """Serialised LowCmds of all programs since the last call, those of this link included."""
+
     def vendor(self) -> str | None:
         """Name of the active controller of the robot, empty when none is active, None while unknown."""
+
+    def version(self) -> str:
+        """Version of the motion switcher, empty while unknown; it is received by ``vendor``."""
 
     def release(self) -> None:
         """Request the end of the active controller."""
@@ -52,14 +58,16 @@ class DdsLink(RobotLink):
         self._context, self._node = join(domain, "poise_unitree")
         node, reliable = self._node, QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._states = node.create_subscription(state, "lowstate", ignore, SENSOR, raw=True)
+        self._echo = node.create_subscription(command, "lowcmd", ignore, SENSOR, raw=True)
         self._responses = node.create_subscription(response, f"{SWITCHER}/response", ignore, QoSProfile(depth=QUEUE))
         self._commands = node.create_publisher(command, "lowcmd", reliable)
         self._requests = node.create_publisher(self._request_type, f"{SWITCHER}/request", reliable)
         self._id = time.monotonic_ns()
-        self._pending = 0  # id of the last Check
+        self._pending = self._asked_version = 0  # id of the last Check, and of the last request for the version
         self._asked = self._looked = -RETRY
         self._released = -RETRY
         self._vendor: str | None = None
+        self._version = ""
 
     def take(self) -> list[bytes]:
         return take_all(self._states)
@@ -67,18 +75,28 @@ class DdsLink(RobotLink):
     def send(self, data: bytes) -> None:
         self._commands.publish(data)
 
+    def commands(self) -> list[bytes]:
+        return take_all(self._echo)
+
     def vendor(self) -> str | None:
         now = time.monotonic()
         if now - self._looked < LOOK:
             return self._vendor
         self._looked = now
         while (response := take(self._responses)) is not None:
-            if response.header.identity.id == self._pending and response.header.identity.api_id == CHECK:
+            if response.header.identity.id == self._pending:
                 self._vendor = _name_of(response)
+            elif response.header.identity.id == self._asked_version and not response.header.status.code:
+                self._version = str(response.data)
         if now - self._asked >= RETRY and self._reachable:
             self._asked = now
             self._pending = self._call(CHECK)
+            if not self._version:
+                self._asked_version = self._call(VERSION)
         return self._vendor
+
+    def version(self) -> str:
+        return self._version
 
     def release(self) -> None:
         now = time.monotonic()

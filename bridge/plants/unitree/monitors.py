@@ -12,7 +12,8 @@ from models.types import Vector
 
 WARN, HOLD, DAMP = range(3)
 _LEVELS = {"warn": WARN, "hold": HOLD, "damp": DAMP}
-LOSS_WINDOW = 1.0  #: Time over which lost states are counted [s]
+WINDOW = 1.0  #: Time over which lost states, foreign commands and saturated torques are counted [s]
+AT_LIMIT = 0.98  #: Part of a joint's torque limit from which on it is saturated [-]
 
 
 class Finding(NamedTuple):
@@ -20,6 +21,7 @@ class Finding(NamedTuple):
 
     level: int  # WARN, HOLD or DAMP
     reason: str  # joint, value and threshold
+    at_once: bool = False  # whether it counts without ``persistence``
 
 
 class HardwareMonitor:
@@ -32,7 +34,8 @@ class HardwareMonitor:
     def __init__(self, model: RobotModel, hardware: Hardware, period: float) -> None:
         self._names, self._hardware, self._period = model.joint_names, hardware, period
         self._since: dict[tuple[str, int], float] = {}
-        self._loss = 0.0
+        self._loss = self._foreign = 0.0
+        self._torque_limit, self._saturated = AT_LIMIT * model.tau_max, np.zeros(model.nj)
         self.warnings: tuple[str, ...] = ()
         self.holds: tuple[str, ...] = ()
         self.damps: tuple[str, ...] = ()
@@ -40,13 +43,18 @@ class HardwareMonitor:
 
     @property
     def loss(self) -> float:
-        """Share of states lost in the last ``LOSS_WINDOW`` [-]."""
+        """Share of states lost in the last ``WINDOW`` [-]."""
         return self._loss
 
-    def step(self, sample: LowSample, lost: int, dt: float) -> None:
-        """Compare a state, before which ``lost`` states did not arrive, ``dt`` [s] after the last."""
-        share = min(dt / LOSS_WINDOW, 1.0)
+    def step(self, sample: LowSample, lost: int, dt: float, foreign: int = 0) -> None:
+        """Compare a state, ``dt`` [s] after the last.
+
+        Before it, ``lost`` states did not arrive, and ``foreign`` commands of other programs were on the network.
+        """
+        share = min(dt / WINDOW, 1.0)
         self._loss += share * (lost / (lost + 1.0) - self._loss)
+        self._foreign += foreign - share * self._foreign
+        self._saturated += share * ((np.abs(sample.sensors.tau) >= self._torque_limit) - self._saturated)
         self._sample = sample
         found = [finding for finding in self._find(sample) if finding is not None]
         t = sample.sensors.t
@@ -57,7 +65,9 @@ class HardwareMonitor:
                 present[key] = self._since.get(key, t)
         self._since = present
         lasting = [
-            each for each in found if t - present[each.reason.partition(":")[0], each.level] >= self._persistence
+            each
+            for each in found
+            if each.at_once or t - present[each.reason.partition(":")[0], each.level] >= self._persistence
         ]
         self.warnings, self.holds, self.damps = (
             tuple(each.reason for each in lasting if each.level == level) for level in (WARN, HOLD, DAMP)
@@ -69,11 +79,12 @@ class HardwareMonitor:
         if self._sample is None:
             return {}
         hottest, voltage = self._sample.temperature.max(axis=1), self._sample.voltage
-        fed = voltage[voltage > 0.0]
+        fed, worst = voltage[voltage > 0.0], self._saturated.max()
         return {
             "hottest motor [degC]": f"{hottest.max():.0f} ({self._names[int(hottest.argmax())]})",
             "lowest voltage [V]": f"{fed.min():.1f}" if fed.size else "not measured",
             "states lost [%]": f"{100.0 * self._loss:.1f}",
+            "torque saturated [%]": f"{100.0 * worst:.0f} ({self._names[int(self._saturated.argmax())]})",
         }
 
     @property
@@ -87,7 +98,9 @@ class HardwareMonitor:
         return [
             self._worst("motor temperature", "degC", hottest, np.argmax, given.motor_temperature),
             self._worst("voltage", "V", fed, np.argmin, given.voltage),
+            self._worst("torque saturation", "", self._saturated, np.argmax, given.torque_saturation),
             _beyond("lost states", self._loss, "", given.lost_packets),
+            self._others(),
             self._error(sample.motor_state),
         ]
 
@@ -96,6 +109,10 @@ class HardwareMonitor:
     ) -> Finding | None:
         joint = int(pick(values))
         return _beyond(f"{what} of '{self._names[joint]}'", float(values[joint]), unit, bounds)
+
+    def _others(self) -> Finding | None:
+        found = _beyond("lowcmd of another program", self._foreign, "Hz", self._hardware.foreign_commands)
+        return None if found is None else found._replace(at_once=True)
 
     def _error(self, states: Vector) -> Finding | None:
         faulty = np.flatnonzero(states)

@@ -1,17 +1,21 @@
 """A Unitree humanoid by its low-level protocol: the robot as the driver program sees it."""
 
+import secrets
 from collections.abc import Mapping
 
 import numpy as np
 
 from bridge.plants.hardware import GAP_MAX, RealPlant, RobotClock
-from bridge.plants.unitree.codec import BUTTONS, LowSample, UnitreeCodec
+from bridge.plants.unitree.codec import BUTTONS, LowSample, UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.link import DdsLink, RobotLink
 from bridge.plants.unitree.monitors import HardwareMonitor
+from bridge.plants.unitree.wire import read_low_cmd
+from controllers.joints.joint_servo import damping_command
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
+LAST_COMMANDS = 5  #: Commands with which ``hand_over`` ends the guard, too: some may be lost
 RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
 
 
@@ -58,15 +62,17 @@ class UnitreePlant(RealPlant):
                 f"{', '.join(BUTTONS)}"
             )
         super().__init__(model, "unitree", f"{network_interface}-{domain}", marker, 1.0 / rate)
+        self._session = secrets.randbits(32)
         self._clock = RobotClock(self._period, GAP_MAX)
-        self._codec = UnitreeCodec(model, self._clock)
+        self._codec = UnitreeCodec(model, self._clock, self._session)
         self._hardware, self._where = hardware, f"{network_interface}, domain {domain}"
         self.monitor = HardwareMonitor(model, hardware, self._period)
         self._sample: LowSample | None = None
-        self._restarts = self._restarts_seen = 0
+        self._restarts_seen = 0
         self._fault: str | None = None  # of the motion switcher
         self.refused = 0  #: States with a wrong checksum or size
         self._why = ""
+        self._foreign = 0  # commands of other programs since the last sample
         self._link: RobotLink = DdsLink(domain) if link is None else link
         self._waiting: list[bytes] = []  # taken from the link, and not read yet
 
@@ -74,6 +80,9 @@ class UnitreePlant(RealPlant):
         self._stop = ""
         if self._closed:
             return self._sensors
+        foreign = sum(is_foreign(data, self._session) for data in self._link.commands())
+        if self.vendor == "":  # else they may be those of the active controller
+            self._foreign += foreign
         waiting, self._waiting = [*self._waiting, *self._link.take()], []
         samples = [sample for data in waiting if (sample := self._decode(data)) is not None]
         self.counter.idle(arrived=bool(samples))
@@ -107,16 +116,28 @@ class UnitreePlant(RealPlant):
         if self._sample is not None and sample.sensors.t <= self._sample.sensors.t:
             return  # a repeated sample
         step, lost = self.counter.step(sample.sensors.t)
-        self.monitor.step(sample, lost, step)
+        self.monitor.step(sample, lost, step, self._foreign)
+        self._foreign = 0
         if self._sample is not None and sample.mode_machine != self._sample.mode_machine:
             self._stop = self._stop or f"mode_machine changed to {sample.mode_machine}"
         self._sample = sample
         self._sensors = sample.sensors
 
-    def _send(self, command: JointCommand) -> None:
-        """Send a command; the type of the robot is echoed."""
-        if self._sample is not None:
-            self._link.send(self._codec.encode(command, self._sample.mode_machine, self._sample.tick))
+    def _encode_command(self, command: JointCommand, *, last: bool = False) -> bytes:
+        """LowCmd of a command; the type of the robot is echoed."""
+        sample = self._sample
+        mode_machine, tick = (0, 0) if sample is None else (sample.mode_machine, sample.tick)
+        return self._codec.encode(command, mode_machine, tick, last)
+
+    def _decode_command(self, data: bytes) -> JointCommand:
+        return joint_command(read_low_cmd(data), self._model.nj)
+
+    def hand_over(self) -> None:
+        if self._sampled and not self._closed:
+            data = self._encode_command(damping_command(self._model), last=True)
+            for _ in range(LAST_COMMANDS):
+                self._link.send(data)
+        self._marker.remove()
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -135,12 +156,15 @@ class UnitreePlant(RealPlant):
             found.append(
                 f"mode_machine {sample.mode_machine} is another robot than the profile's {self._hardware.mode_machine}"
             )
-        if not (np.isfinite(sample.sensors.q).all() and np.isfinite(sample.sensors.accel).all()):
-            found.append("joints or accelerometer are not finite")
         if (beyond := np.flatnonzero(np.abs(sample.sensors.q) > 2.0 * np.pi)).size:
             found.append(f"motor {int(beyond[0])} measures {sample.sensors.q[beyond[0]]:.1f} rad")
         if self.vendor is None:
             found.append(self._fault or "the motion switcher of the robot does not answer")
+        if (version := self._link.version()) not in ("", self._hardware.switcher_version):
+            found.append(
+                f"motion switcher {version} is another than {self._hardware.switcher_version}: see what releases "
+                f"its controller, then set hardware.switcher_version of the profile"
+            )
         return (*found, *self.monitor.holds, *self.monitor.damps)
 
     @property
@@ -178,4 +202,5 @@ class UnitreePlant(RealPlant):
             "states lost": str(self.counter.lost),
             "restarts of the robot": str(self._clock.restarts),
             "vendor's controller": "unknown" if vendor is None else vendor or "released",
+            "motion switcher": self._link.version() or "version unknown",
         }

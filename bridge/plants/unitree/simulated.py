@@ -26,8 +26,10 @@ class GantryRobot(HangingRobot):
 
     def __init__(self, robot: str = "g1", *, released: bool = False, **options: Any) -> None:
         super().__init__(robot, **options)
+        self.clock_offset = 0  #: Of the reported tick from ``tick`` [ms]
         self.vendor = "" if released else "ai"
         self.mode_machine = 5
+        self.switcher_version = "1.0.0.1"
         self.temperature, self.voltage = np.full(self.model.nj, 40), np.full(self.model.nj, 50.0)
         self.motor_error = np.zeros(self.model.nj, dtype=np.uint32)
         self.remote = bytearray(40)
@@ -68,7 +70,7 @@ class GantryRobot(HangingRobot):
         motors["motorstate"] = self.motor_error
         record["quaternion"] = self.imu_quaternion
         record["gyroscope"], record["accelerometer"] = sensors.gyro, sensors.accel
-        record["tick"], record["mode_machine"] = self.tick % (1 << 32), self.mode_machine
+        record["tick"], record["mode_machine"] = (self.tick + self.clock_offset) % (1 << 32), self.mode_machine
         record["wireless_remote"] = np.frombuffer(bytes(self.remote), np.uint8)
         return write_low_state(record)
 
@@ -78,9 +80,24 @@ class DirectLink(StepLink):
 
     robot: GantryRobot
 
+    def __init__(self, robot: GantryRobot, delay: int = 0) -> None:
+        super().__init__(robot, delay)
+        self._commands: list[bytes] = []
+        self.receivers.append(self._commands.append)
+
+    def commands(self) -> list[bytes]:
+        """LowCmds of all programs since the last call."""
+        found = self._commands.copy()
+        self._commands.clear()
+        return found
+
     def vendor(self) -> str | None:
         """Name of the vendor's active controller; None when the robot does not answer."""
         return self.robot.vendor if self.connected else None
+
+    def version(self) -> str:
+        """Version of the motion switcher."""
+        return self.robot.switcher_version if self.connected else ""
 
     def release(self) -> None:
         """End the vendor's controller."""

@@ -49,6 +49,10 @@ def test_the_controller_makes_the_torque_of_the_law(robot: RobotModel, command: 
         assert codec.mark(data) == DRIVER and controller.accept(data)
         executed = drive_torque(robot, controller.command(sensors), sensors.q, sensors.v)
         np.testing.assert_allclose(executed, drive_torque(robot, given, sensors.q, sensors.v), atol=1e-12)
+        decoded = drive_torque(robot, codec.decode(data), sensors.q, sensors.v)
+        np.testing.assert_allclose(decoded, executed, atol=1e-12)
+    with pytest.raises(MessageError):
+        codec.decode(serialize_message(codec.kind()))
 
 
 def test_torques_are_within_the_limits_and_finite(g1: RobotModel) -> None:
@@ -96,7 +100,18 @@ def test_the_guard_damps_after_the_silence(g1: RobotModel, command: str) -> None
     guard.receive((COMMAND, data), 10.0)
     guard.receive((JOINTS, serialize_message(moving)), 10.0 + SILENCE)
     assert guard.step(10.0 + 0.9 * SILENCE) is None
-    made = guard.step(10.0 + 1.1 * SILENCE)
+    begin = 10.0 + 1.1 * SILENCE
+    first = guard.step(begin)
+    assert first is not None and controller.accept(first)
+    last = drive_torque(g1, driver.decode(data), sensors.q, sensors.v)
+    np.testing.assert_allclose(drive_torque(g1, controller.command(sensors), sensors.q, sensors.v), last, atol=1e-9)
+    half = guard.step(begin + 0.075)  # without joint states since then
+    assert half is not None and controller.accept(half)
+    if codec.evaluated:
+        torque = drive_torque(g1, controller.command(sensors), sensors.q, sensors.v)
+        np.testing.assert_allclose(torque, 0.5 * last, atol=1e-9)
+    guard.receive((JOINTS, serialize_message(moving)), begin + 0.2)
+    made = guard.step(begin + 0.201)
     assert made is not None and (guard.active, guard.interventions) == (True, 1)
     guard.receive((COMMAND, made), 10.0 + 1.2 * SILENCE)  # it receives its own
     assert guard.strangers == 1 and guard.active

@@ -8,11 +8,12 @@ import pytest
 from bridge.launch.robot_network import LOOPBACK, RobotNetwork, interface_address, profile_text
 from bridge.plants.guard import SILENCE
 from bridge.plants.hardware import RobotClock
-from bridge.plants.unitree.codec import UnitreeCodec, joint_command
+from bridge.plants.unitree.codec import UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.monitors import HardwareMonitor
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.wire import LOW_STATE, new_low_cmd, read_low_cmd, write_low_cmd, write_low_state
+from controllers.joints.joint_servo import drive_torque
 from models.errors import ConfigError
 from models.profile import Thresholds
 from models.robot_model import RobotModel
@@ -30,27 +31,36 @@ def command_of(model: RobotModel) -> bytes:
 
 
 def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> None:
-    guard, data = DampingGuard(g1.kd), command_of(g1)
+    guard, data = DampingGuard(g1), command_of(g1)
     assert guard.step(100.0) is None  # before the driver's first command
     guard.receive(data, 100.0)
     assert guard.step(100.0 + 0.9 * SILENCE) is None
-    made = guard.step(100.0 + 1.1 * SILENCE)
+    begin = 100.0 + 1.1 * SILENCE
+    first = guard.step(begin)
     assert guard.strangers == 0
-    assert made is not None and (guard.active, guard.interventions) == (True, 1)
+    assert first is not None and (guard.active, guard.interventions) == (True, 1)
+    q, v = 0.3 * np.ones(g1.nj), 0.2 * np.ones(g1.nj)
+    last = drive_torque(g1, joint_command(read_low_cmd(data), g1.nj), q, v)
+    torques = [drive_torque(g1, joint_command(read_low_cmd(first), g1.nj), q, v)]
+    np.testing.assert_allclose(torques[0], last, rtol=1e-6)
+    for step in range(1, 100):
+        made = guard.step(begin + 0.002 * step)
+        assert made is not None
+        guard.receive(made, begin + 0.002 * step)  # it receives its own
+        torques.append(drive_torque(g1, joint_command(read_low_cmd(made), g1.nj), q, v))
+    assert np.abs(np.diff(torques, axis=0)).max() < 0.02 * np.abs(torques[0] - torques[-1]).max()
     record = read_low_cmd(made)
     command = joint_command(record, g1.nj)
     assert record["mode_machine"] == 5
     assert command.kd is not None and np.allclose(command.kd, g1.kd)
-    assert not any(np.any(row) for row in (command.q, command.v, command.tau, command.kp))
-    guard.receive(made, 100.03)  # it receives its own
-    assert guard.step(100.03) is not None
-    guard.receive(data, 100.04)
-    assert guard.step(100.041) is None and not guard.active
-    assert guard.step(100.1) is not None and guard.interventions == 2
+    assert not np.any(command.tau) and not np.any(command.kp)
+    guard.receive(data, begin + 0.3)
+    assert guard.step(begin + 0.301) is None and not guard.active
+    assert guard.step(begin + 0.4) is not None and guard.interventions == 2
 
 
 def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
-    guard, data = DampingGuard(g1.kd), bytearray(command_of(g1))
+    guard, data = DampingGuard(g1), bytearray(command_of(g1))
     data[50] ^= 1
     guard.receive(bytes(data), 0.0)
     assert guard.refused == 1 and guard.step(1.0) is None and not guard.armed
@@ -59,12 +69,31 @@ def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
     assert guard.strangers == 1 and guard.step(1.0) is None and not guard.armed
 
 
+def test_the_guard_does_not_damp_after_the_drivers_last_command(g1: RobotModel) -> None:
+    guard, rows = DampingGuard(g1), np.ones((5, g1.nj))
+    guard.receive(command_of(g1), 0.0)
+    guard.receive(UnitreeCodec(g1, RobotClock(0.002, 1.0)).encode(JointCommand(*rows), 5, last=True), 0.002)
+    assert not guard.armed and guard.step(1.0) is None
+
+
+def test_commands_of_other_programs_are_recognised(g1: RobotModel) -> None:
+    rows = JointCommand(*np.ones((5, g1.nj)))
+    own, other = (UnitreeCodec(g1, RobotClock(0.002, 1.0), session).encode(rows, 5) for session in (7, 8))
+    assert not is_foreign(own, 7) and is_foreign(other, 7) and is_foreign(write_low_cmd(new_low_cmd()), 7)
+    guard = DampingGuard(g1)
+    guard.receive(other, 0.0)
+    made = guard.step(1.0)
+    assert made is not None and not is_foreign(made, 7)
+
+
 def monitor_of(model: RobotModel) -> HardwareMonitor:
     assert model.profile.hardware is not None
     return HardwareMonitor(model, model.profile.hardware, 0.002)
 
 
-def watch(monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 0, **values: float) -> None:
+def watch(
+    monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 0, foreign: int = 0, **values: float
+) -> None:
     """Feed states with the same values for all motors, or for the motor with index ``joint``."""
     codec = UnitreeCodec(model, RobotClock(0.002, 1.0))
     record = np.zeros(1, LOW_STATE)[0]
@@ -75,7 +104,7 @@ def watch(monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 
         motors[name][joint] = value
     for tick in range(round(time / 0.002)):
         record["tick"] = 2 * tick
-        monitor.step(codec.decode(write_low_state(record)), lost, 0.002 * (lost + 1))
+        monitor.step(codec.decode(write_low_state(record)), lost, 0.002 * (lost + 1), foreign)
 
 
 @pytest.mark.parametrize(
@@ -108,6 +137,28 @@ def test_lost_states(hardware: RobotModel, lost: int, level: str) -> None:
     monitor = monitor_of(hardware)
     watch(monitor, hardware, 10.0, lost)
     assert monitor.loss == pytest.approx(lost / (lost + 1), abs=0.01)
+
+
+def test_saturated_torques(hardware: RobotModel) -> None:
+    monitor, knee = monitor_of(hardware), float(hardware.tau_max[3])
+    watch(monitor, hardware, 5.0, tau_est=0.9 * knee)
+    assert not monitor.warnings
+    watch(monitor, hardware, 0.5, tau_est=-knee)
+    assert len(monitor.warnings) == 1 and "torque saturation of 'left_knee_joint'" in monitor.warnings[0]
+    watch(monitor, hardware, 1.0, tau_est=-knee)
+    assert len(monitor.holds) == 1
+    watch(monitor, hardware, 3.0, tau_est=-knee)
+    assert len(monitor.damps) == 1
+
+
+def test_commands_of_another_program_count_at_once(hardware: RobotModel) -> None:
+    monitor = monitor_of(hardware)
+    watch(monitor, hardware, 0.002, foreign=1)
+    assert len(monitor.holds) == 1 and "lowcmd of another program" in monitor.holds[0]
+    watch(monitor, hardware, 1.0)
+    assert not monitor.holds
+    watch(monitor, hardware, 0.03, foreign=1)
+    assert len(monitor.damps) == 1
 
 
 def test_thresholds_are_ordered() -> None:

@@ -47,7 +47,7 @@ class Bench:
         steps = {
             StartState.GANTRY: lambda: self.run(1.1),
             StartState.RELEASE: self.startup.confirm_gantry,
-            StartState.DAMP: lambda: (self.inputs.update(vendor=""), self.tick()),
+            StartState.DAMP: lambda: (self.inputs.update(vendor=""), self.run(0.11)),
             StartState.PREPARE: lambda: self.run(1.1),
             StartState.HANGING: lambda: self.run(3.1),
             StartState.HELD: self.startup.lower,
@@ -132,6 +132,27 @@ def test_a_controller_that_does_not_end_is_named(bench: Bench) -> None:
     assert bench.startup.state is StartState.LISTEN
     bench.run(1.1)
     assert bench.startup.state is StartState.GANTRY and "'ai' is active" in bench.startup.waits_for
+
+
+def test_another_program_ends_the_release_without_a_command(bench: Bench) -> None:
+    bench.reach(StartState.RELEASE)
+    bench.inputs |= {"vendor": "", "findings": ("lowcmd of another program",), "stop": "lowcmd of another program"}
+    assert bench.tick() is None
+    assert bench.startup.state is StartState.LISTEN and bench.startup.waits_for == "lowcmd of another program"
+
+
+def test_a_controller_that_becomes_active_is_left_alone_once_the_robot_is_damped(bench: Bench) -> None:
+    bench.reach(StartState.STAND)
+    bench.inputs |= {"vendor": "ai", "stop": "the vendor's controller 'ai' is active again"}
+    command = bench.tick()
+    assert bench.startup.state is StartState.DAMPED and command is not None
+    bench.run(0.2)
+    assert bench.startup.commands  # the torque fades first
+    bench.inputs["stop"] = ""  # the drivers stop for this reason while they command
+    bench.run(0.2)
+    assert bench.startup.state is StartState.LISTEN and bench.tick() is None
+    bench.run(1.1)
+    assert bench.startup.state is StartState.GANTRY and "'ai' became active" in bench.startup.waits_for
 
 
 def test_moving_joints_are_damped_before_the_ramp(bench: Bench) -> None:
@@ -244,6 +265,24 @@ def test_after_a_crash_only_damping_is_possible(g1: RobotModel) -> None:
     for act in (bench.startup.confirm_gantry, bench.startup.lower):
         with pytest.raises(CommandError, match="refused in state 'damped'"):
             act()
+
+
+def test_the_torque_that_a_killed_driver_left_fades_from_the_first_sample_on(g1: RobotModel) -> None:
+    startup, three, zero = Startup(g1, crashed=True), np.zeros(3), np.zeros(g1.nj)
+
+    def torque(t: float, tau: float, stale: float) -> float:
+        sensors = SensorData(t, zero, zero, np.full(g1.nj, tau), three, three, np.full((2, 6), np.nan))
+        startup.update(StartInputs(sensors, stale=stale))
+        command = startup.command(sensors, JointCommand.torque(zero))
+        assert command is not None
+        return float(command.tau[0])
+
+    for stale in (0.1, 0.5):
+        torque(0.0, np.nan, stale)  # before the first sample
+    ramp = 0.15
+    assert torque(DT, 5.0, 0.0) == pytest.approx(5.0 * (1.0 - DT / ramp))
+    assert torque(DT, 5.0, 0.1) == pytest.approx(5.0 * (1.0 - (DT + 0.1) / ramp))  # without samples
+    assert torque(DT, 5.0, 0.2) == 0.0
 
 
 def test_the_torques_of_the_load_hold_the_weight(g1: RobotModel) -> None:

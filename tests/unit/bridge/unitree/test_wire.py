@@ -107,6 +107,20 @@ def test_a_changed_byte_is_refused(byte: int) -> None:
         read_low_cmd(bytes(command))
 
 
+@pytest.mark.parametrize("name", ["gyroscope", "accelerometer", "quaternion"])
+def test_a_state_that_is_not_finite_is_refused(g1: RobotModel, name: str) -> None:
+    with pytest.raises(MessageError, match="not finite"):
+        sample(g1, **{name: np.nan})
+    for motor, finite in ((3, False), (33, True)):  # 33 is no motor of this robot
+        record = random_state()
+        record["motor_state"]["q"][motor] = np.inf
+        if finite:
+            assert np.isfinite(codec(g1).decode(write_low_state(record)).sensors.q).all()
+        else:
+            with pytest.raises(MessageError, match="not finite"):
+                codec(g1).decode(write_low_state(record))
+
+
 def test_another_message_is_refused() -> None:
     with pytest.raises(MessageError, match="7 bytes"):
         read_low_state(b"\x00\x01\x00\x00abc")

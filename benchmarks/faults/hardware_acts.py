@@ -1,0 +1,208 @@
+"""Acts of ``poise bench hardware_faults``: each injects a fault for as long as its context lasts."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from typing import TypeAlias
+from unittest.mock import patch
+
+import numpy as np
+
+from bridge.hardware_loop import HardwareLoop, Process
+from bridge.plants.unitree.wire import new_low_cmd, read_low_state, write_low_cmd, write_low_state
+
+Act: TypeAlias = Callable[[HardwareLoop, float], AbstractContextManager[None]]
+
+B_BUTTON = 9  #: Bit of button B of the remote controller
+KNEE = 3  #: Motor of the left knee
+WRIST = 20  #: Motor of a left wrist joint, which bears no weight
+BOOT_TIME = 0.5  #: Without states while the robot's side restarts [s]
+
+
+def _set(name: str) -> Act:
+    """An attribute of the robot has the value of the row, all elements of an array."""
+
+    @contextmanager
+    def act(loop: HardwareLoop, value: float) -> Iterator[None]:
+        before = getattr(loop.side, name)
+        changed = np.full_like(before, value) if isinstance(before, np.ndarray) else int(value)
+        with patch.object(loop.side, name, changed):
+            yield
+
+    return act
+
+
+def _states(make: Callable[[HardwareLoop, float], Callable[[bytes], bytes | None]]) -> Act:
+    """The states change on the cable."""
+
+    @contextmanager
+    def act(loop: HardwareLoop, value: float) -> Iterator[None]:
+        with patch.object(loop.link, "states_pass", make(loop, value)):
+            yield
+
+    return act
+
+
+def _damaged(data: bytes) -> bytes:
+    return data[:-1] + bytes([data[-1] ^ 0xFF])
+
+
+def _lost(loop: HardwareLoop, probability: float) -> Callable[[bytes], bytes | None]:
+    rng = np.random.default_rng(0)
+    return lambda data: None if rng.uniform() < probability else data
+
+
+def _repeated(loop: HardwareLoop, value: float) -> Callable[[bytes], bytes]:
+    first: list[bytes] = []
+
+    def passed(data: bytes) -> bytes:
+        first.append(data)
+        return first[0]
+
+    return passed
+
+
+def _measured(name: str, motor: int, value_of: Callable[[float], float]) -> Act:
+    """The robot reports a wrong value of one motor."""
+
+    def make(loop: HardwareLoop, value: float) -> Callable[[bytes], bytes]:
+        def passed(data: bytes) -> bytes:
+            record = read_low_state(data)
+            record["motor_state"][motor][name] = value_of(value)
+            return write_low_state(record)
+
+        return passed
+
+    return _states(make)
+
+
+@contextmanager
+def _commands_damaged(loop: HardwareLoop, value: float) -> Iterator[None]:
+    with patch.object(loop.link, "commands_pass", _damaged):
+        yield
+
+
+@contextmanager
+def _cable(loop: HardwareLoop, value: float) -> Iterator[None]:
+    with patch.object(loop.link, "connected", False):
+        yield
+
+
+@contextmanager
+def _clock(loop: HardwareLoop, value: float) -> Iterator[None]:
+    """The robot's tick jumps by a time [s]."""
+    loop.side.clock_offset = round(1000.0 * value)
+    yield
+
+
+@contextmanager
+def _once(loop: HardwareLoop, value: float) -> Iterator[None]:
+    """One LowCmd of another program: no torque."""
+    record = new_low_cmd()
+    record["mode_machine"] = loop.side.mode_machine
+    loop.link.publish(write_low_cmd(record))
+    yield
+
+
+@contextmanager
+def _commander(loop: HardwareLoop, rate: float) -> Iterator[None]:
+    """Another program commands the robot to its zero posture, with moderate gains, at a rate [Hz]."""
+    record = new_low_cmd()
+    record["mode_machine"] = loop.side.mode_machine
+    motors = record["motor_cmd"][: loop.robot.nj]
+    motors["mode"], motors["kp"], motors["kd"] = 1, 0.5 * loop.robot.kp, loop.robot.kd
+    data, ticks, step = write_low_cmd(record), round(1000.0 / rate), loop.link.step
+
+    def stepped() -> None:
+        if loop.side.tick % ticks == 0:
+            loop.link.publish(data)
+        step()
+
+    with patch.object(loop.link, "step", stepped):
+        yield
+
+
+@contextmanager
+def _pressed(loop: HardwareLoop, button: float) -> Iterator[None]:
+    loop.side.press(int(button))
+    yield
+    loop.side.press()
+
+
+@contextmanager
+def _vendor_again(loop: HardwareLoop, value: float) -> Iterator[None]:
+    loop.side.vendor = "ai"
+    yield
+
+
+@contextmanager
+def _never_released(loop: HardwareLoop, value: float) -> Iterator[None]:
+    with patch.object(loop.link, "release", lambda: None):
+        yield
+
+
+@contextmanager
+def _other_version(loop: HardwareLoop, value: float) -> Iterator[None]:
+    with patch.object(loop.side, "switcher_version", "2.0.0.0"):
+        yield
+
+
+@contextmanager
+def _no_answer(loop: HardwareLoop, value: float) -> Iterator[None]:
+    with patch.object(loop.link, "vendor", lambda: None):
+        yield
+
+
+@contextmanager
+def _battery(loop: HardwareLoop, value: float) -> Iterator[None]:
+    """The robot's side loses its power and starts again: no torque, then its own controller, and a tick from zero."""
+    side, loop.link.connected = loop.side, False
+    side.command, end = None, side.tick + round(1000.0 * BOOT_TIME)
+    loop.link.drop()
+    step = loop.link.step
+
+    def stepped() -> None:
+        if not loop.link.connected and side.tick >= end:
+            side.clock_offset, side.vendor, loop.link.connected = -side.tick, "ai", True
+        step()
+
+    with patch.object(loop.link, "step", stepped):
+        yield
+
+
+def _killed(process: Process) -> Act:
+    """A process stops."""
+
+    @contextmanager
+    def act(loop: HardwareLoop, value: float) -> Iterator[None]:
+        loop.running.discard(process)
+        yield
+        loop.running.add(process)
+
+    return act
+
+
+ACTS: Mapping[str, Act] = {
+    "temperature": _set("temperature"),
+    "voltage": _set("voltage"),
+    "motor_error": _set("motor_error"),
+    "mode_machine": _set("mode_machine"),
+    "states_damaged": _states(lambda loop, value: _damaged),
+    "states_lost": _states(_lost),
+    "states_repeated": _states(_repeated),
+    "state_nan": _measured("q", KNEE, lambda value: float("nan")),
+    "torque_at_limit": _measured("tau_est", WRIST, lambda value: value),
+    "commands_damaged": _commands_damaged,
+    "cable": _cable,
+    "clock": _clock,
+    "foreign_once": _once,
+    "foreign": _commander,
+    "button": _pressed,
+    "vendor_again": _vendor_again,
+    "never_released": _never_released,
+    "no_answer": _no_answer,
+    "other_version": _other_version,
+    "battery": _battery,
+    "driver_killed": _killed(Process.DRIVER),
+    "control_killed": _killed(Process.CONTROL),
+    "guard_killed": _killed(Process.GUARD),
+}

@@ -1,0 +1,205 @@
+"""Faults at the boundary of a real robot in lockstep: protocol, robot, network and processes, and the reaction to each.
+
+States and commands are the bytes of Unitree's protocol, the robot is a simulated one behind them (``HardwareLoop``).
+"""
+
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
+
+import numpy as np
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import settings
+from benchmarks.core.fault_rows import AnyRow, FaultBenchmark
+from benchmarks.core.harness import Case, Options, chosen
+from benchmarks.faults.hardware_acts import ACTS
+from bridge.driver.startup import StartState
+from bridge.hardware_loop import HardwareLoop
+from bridge.plants.unitree.codec import GUARD_MARK, MARK
+from bridge.plants.unitree.wire import read_low_cmd
+from controllers.joints.joint_servo import drive_torque
+from models.config import STRICT, NonNegative, Positive
+from models.errors import PoiseError
+from models.types import JointCommand, Mode, Vector
+
+
+@schema(frozen=True, slots=True, kw_only=True, config=STRICT)
+class Row(AnyRow):
+    """One fault; ``act`` is one of ``benchmarks/faults/hardware_acts.py``.
+
+    ``expect`` is the required reaction, ``start`` puts the fault before the start of the robot, which must be refused.
+    """
+
+    expect: Literal["goes on", "holds", "damps", "refuses"]
+    start: bool = False
+    value: float = 0.0  #: Of the act, in its unit
+    time: Positive | None = None  #: After which the fault ends [s]; it lasts when None
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class HardwareFaultsConfig:
+    """All rows; the unit of every value stands in ``benchmarks/config/hardware_faults.yaml``."""
+
+    laws: str
+    rate: Positive
+    delay: int
+    settle: NonNegative
+    duration: Positive
+    forward: Positive
+    torque_step_limit: Positive
+    rows: dict[str, Row]
+
+
+config = partial(settings, HardwareFaultsConfig, "hardware_faults")
+
+
+class CommandSteps:
+    """Torque steps that the commands of driver and guard make: the laws of a command and of the one before, compared.
+
+    Both are evaluated at the true state of the robot when the later one takes effect, within the limits of the drives.
+    ``largest`` is relative to the drive's rate limit over one period, whatever the time between the two; ``torque`` is
+    that step [N.m]. A switch to or from the command of another program does not count.
+    """
+
+    def __init__(self, loop: HardwareLoop) -> None:
+        self.largest = self.torque = 0.0
+        self._side, self._model = loop.side, loop.side.model
+        self._limit = loop.side.model.tau_rate_max * loop.plant.period
+        self._own = loop.side.command is not None
+        self._receive = loop.side.receive
+        loop.side.receive = self._on_command  # type: ignore[method-assign]
+
+    def close(self) -> None:
+        """Watch no longer."""
+        self._side.receive = self._receive  # type: ignore[method-assign]
+
+    def _on_command(self, data: bytes) -> None:
+        before, accepted = self._side.command, self._side.received
+        self._receive(data)
+        if self._side.received == accepted:
+            return
+        own = int(read_low_cmd(data)["reserve"][0]) in (MARK, GUARD_MARK)
+        if own and self._own and not self._side.vendor:
+            step = np.abs(self._torque(self._side.command) - self._torque(before))
+            shares = step / self._limit
+            worst = int(shares.argmax())
+            if shares[worst] > self.largest:
+                self.largest, self.torque = float(shares[worst]), float(step[worst])
+        self._own = own
+
+    def _torque(self, command: JointCommand | None) -> Vector:
+        if command is None:
+            return np.zeros(self._model.nj)
+        plant = self._side.plant
+        q, v = plant.data.qpos[plant.mujoco.joint_qpos], plant.data.qvel[plant.mujoco.joint_qvel]
+        return np.clip(drive_torque(self._model, command, q, v), -self._model.tau_max, self._model.tau_max)
+
+
+class Trial:
+    """One row on a robot that stands, off the rope, or that has not been started."""
+
+    def __init__(self, loop: HardwareLoop, row: Row) -> None:
+        self._loop, self._row = loop, row
+        self._reacted: float | None = None  # after the injection [s]
+        self._why = ""  # reason of the driver at that instant
+
+    def run(self) -> Case:
+        """Inject, watch, judge; with ``ok``, ``seen``, ``reason``, ``time`` to the reaction [s] and torque steps."""
+        loop, row = self._loop, self._row
+        if row.walk:
+            loop.command("walk")
+            loop.stack.set_velocity(config().forward, 0.0, 0.0)
+        loop.run(config().settle)
+        steps, begin = CommandSteps(loop), loop.t
+        with ExitStack() as fault:
+            fault.callback(steps.close)
+            active = fault.enter_context(ExitStack())
+            active.enter_context(ACTS[row.act](loop, row.value))
+            for _ in range(round((row.duration or config().duration) / loop.plant.period)):
+                if row.time is not None and loop.t - begin >= row.time:
+                    active.close()
+                loop.step()
+                if self._reacted is None and self._reaction:
+                    self._reacted, self._why = loop.t - begin, loop.startup.reason
+            outcome = self._outcome()
+        return outcome | {"torque_step": steps.largest, "torque_step_nm": steps.torque}
+
+    @property
+    def _reaction(self) -> bool:
+        """Whether the expected reaction has come."""
+        loop = self._loop
+        if self._row.expect == "damps":
+            return loop.startup.state is StartState.DAMPED or loop.guard.active
+        return self._row.expect == "holds" and bool(loop.plant.holds)
+
+    def _outcome(self) -> Case:
+        loop, row = self._loop, self._row
+        up = loop.upright and not loop.monitor.fallen
+        damped = loop.startup.state is not StartState.STAND or loop.guard.active
+        reasons = [*loop.plant.holds, self._why, loop.startup.reason, *loop.stack.supervisor.faults]
+        ok = damped if row.expect == "damps" else up and not damped and loop.startup.state is StartState.STAND
+        if row.expect == "holds":
+            reply = loop.stack.command("walk")
+            ok = ok and not reply.accepted and loop.stack.mode is Mode.STAND
+            reasons.append(reply.reason)
+        elif row.expect == "goes on":
+            ok = ok and not loop.plant.holds and loop.stack.mode is (Mode.WALK if row.walk else Mode.STAND)
+        reason = "; ".join(dict.fromkeys(filter(None, reasons)))
+        on_time = row.within is None or (self._reacted is not None and self._reacted <= row.within)
+        seen = f"start '{loop.startup.state}'"
+        if loop.guard.active:
+            seen = "guard commands"
+        elif loop.startup.state is StartState.STAND:
+            seen = f"mode '{loop.stack.mode.value}'"
+        return {
+            "seen": f"{'up' if up else 'down'}, {seen}",
+            "up": up,
+            "reason": reason[:200],
+            "time": self._reacted,
+            "ok": ok and row.reason in reason and on_time,
+        }
+
+
+def refusal(loop: HardwareLoop, row: Row) -> Case:
+    """Start a robot with a fault that is there from the beginning: the start must end by name, without a command."""
+    with ACTS[row.act](loop, row.value):
+        try:
+            loop.start()
+            reason = ""
+        except PoiseError as error:
+            reason = str(error)
+    seen = f"start '{loop.startup.state}', {len(loop.link.sent)} commands sent"
+    ok = bool(reason) and row.reason in reason and not loop.link.sent
+    return {"seen": seen, "up": False, "reason": reason[:200], "time": None, "torque_step": 0.0, "ok": ok}
+
+
+def measure(robot: str, seed: int, row: str) -> Case:
+    """Start a robot and run one row."""
+    given = config()
+    asked = given.rows[row]
+    with TemporaryDirectory(prefix="poise_faults_") as folder:
+        loop = HardwareLoop(
+            Path(folder) / "marker", laws=given.laws, rate=given.rate, seed=seed, delay=given.delay, robot=robot
+        )
+        if asked.start:
+            outcome = refusal(loop, asked)
+        else:
+            loop.start()
+            loop.unhook()
+            outcome = Trial(loop, asked).run()
+    if not outcome["torque_step"] <= given.torque_step_limit:
+        outcome["ok"] = False
+    return {"group": asked.group, "expected": asked.expect, "within": asked.within, **outcome}
+
+
+class HardwareFaults(FaultBenchmark):
+    """Every row, or those chosen, with every seed."""
+
+    measure = staticmethod(measure)
+
+    def cases(self, options: Options) -> list[Case]:
+        rows = chosen("hardware_faults", options.scenarios, list(config().rows))
+        return [{"robot": options.robot, "seed": seed, "row": row} for row in rows for seed in options.each_seed()]

@@ -1,0 +1,42 @@
+"""A payload of the profile changes mass and CoM of the model as it says."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from bridge.driver.foot_load import payload_profile
+from models.errors import RobotModelError
+from models.profile import Payload
+from models.robot_model import RobotModel
+from models.types import Vector
+
+
+def load(folder: Path, mass: float, com: tuple[float, float]) -> RobotModel:
+    file = folder / "robot.yaml"
+    file.write_text(payload_profile("g1_hardware", "g1_hardware", Payload(mass, com)), encoding="utf-8")
+    return RobotModel.load(file)
+
+
+def com_of(model: RobotModel) -> Vector:
+    """CoM in the frame of the base, which is upright, in the standing posture (3,) [m]."""
+    q = pin.neutral(model.pin)
+    q[7:] = model.posture("stand")
+    return np.array(pin.centerOfMass(model.pin, model.data(), q))
+
+
+@pytest.mark.parametrize(("mass", "com"), [(1.8, (0.0, 0.0)), (0.0, (0.02, -0.01)), (-0.5, (-0.01, 0.005))])
+def test_mass_and_com(tmp_path: Path, g1: RobotModel, mass: float, com: tuple[float, float]) -> None:
+    model = load(tmp_path, mass, com)
+    assert model.mass == pytest.approx(g1.mass + mass)
+    assert pin.computeTotalMass(model.pin) == pytest.approx(model.mass)
+    np.testing.assert_allclose((com_of(model) - com_of(g1))[:2], com, atol=1e-9)
+    legs = [name for name in model.joint_names if "knee" in name or "hip" in name]
+    for name in legs:
+        assert model.pin.inertias[model.pin.getJointId(name)].isApprox(g1.pin.inertias[g1.pin.getJointId(name)])
+
+
+def test_no_torso_is_left(tmp_path: Path) -> None:
+    with pytest.raises(RobotModelError, match=r"payload.mass: -40 kg leaves none of the torso"):
+        load(tmp_path, -40.0, (0.0, 0.0))
