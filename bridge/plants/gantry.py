@@ -11,6 +11,7 @@ from bridge.plants.deviation import Deviation
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensors import SensorErrors
 from models.constants import GRAVITY
+from models.errors import ConfigError
 from models.mujoco_model import mujoco_to_pin
 from models.robot_model import RobotModel
 from models.types import JointCommand, Vector
@@ -43,13 +44,15 @@ class HangingRobot:
         deviation: Deviation | None = None,
         **options: Any,
     ) -> None:
+        self.ticks = round(1.0 / (rate * STEP))  #: Physics steps of a state
+        if self.ticks < 1 or abs(self.ticks * STEP * rate - 1.0) > 1e-9:
+            raise ConfigError(f"rate {rate:g} Hz: a state must take a whole number of steps of {1e3 * STEP:g} ms")
         self.model = RobotModel.load(robot)
         if deviation is not None:
             options["sensor_errors"] = SensorErrors(encoder_offsets=deviation.encoder_offsets(self.model, seed))
         self.plant = MujocoPlant(self.model, seed=seed, timestep=STEP, **options)
         if deviation is not None:
             deviation.apply(self.plant, seed)
-        self.ticks = round(1.0 / (rate * STEP))  #: Physics steps of a state
         self.tick = 0  #: Physics steps so far [ms]
         self.refused = 0  #: Commands that were not valid
         self.received = 0  #: Commands that were

@@ -29,8 +29,8 @@ class LegClearanceLimit(AccelerationLimit):
 
     while a foot swings, for up to three pairs of convex hulls that are nearer than ``reach``: n points from the nearest
     point of the right leg to that of the left one, J are the Jacobians of these points; the acceleration at zero
-    :math:`\ddot q` is left to the feedback. Pairs nearer than the gap in the 'stand' posture are not kept apart, because
-    a hull is larger than its shape.
+    :math:`\ddot q` is left to the feedback. Pairs nearer than the gap in the 'stand' posture are not kept apart, as a
+    hull is larger than its shape.
 
     In a tick, those three pairs are measured that may be nearest: since a pair was measured, no point of a leg has
     moved by more than the sum of the changes of its joints times their distances from it in the stretched leg.

@@ -19,7 +19,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from bridge.plants.ros2_control.config import Ros2ControlConfig
 from controllers.joints.joint_servo import drive_torque
-from models.errors import MessageError
+from models.errors import ConfigError, MessageError
 from models.nodes.cdr import STAMP_OFFSET, STAMP_SIZE, Template
 from models.nodes.interfaces import interface
 from models.nodes.messages import decode
@@ -57,13 +57,20 @@ class EffortCodec(CommandCodec):
 
     The loop of the gains includes the network. With a delay T from a state to its torque, a damping kd is stable on a
     rotor inertia I for kd T < pi/2 I, and a stiffness kp takes kp T of it away. So gains are at most kd = I / T, and
-    kp = kd / (2 T), for T = ``delay`` [s]; the links add to the inertia.
+    kp = kd / (2 T), for T = ``delay`` [s]; the links add to the inertia. Raises ``ConfigError`` for a joint without
+    rotor inertia.
     """
 
     kind = Float64MultiArray
     evaluated = True
 
     def __init__(self, model: RobotModel, mark: str, delay: float) -> None:
+        for name, inertia in zip(model.joint_names, model.armature, strict=True):
+            if inertia <= 0.0:
+                raise ConfigError(
+                    f"robot '{model.name}': joint '{name}' has armature 0, so no gain of command effort is stable: "
+                    f"give its rotor inertia in the profile, or use command pvt or feedback"
+                )
         self._model = model
         self._kd_max, self._delay = model.armature / delay, delay
         message = Float64MultiArray(data=[0.0] * model.nj)

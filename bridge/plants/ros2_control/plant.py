@@ -120,6 +120,7 @@ class Ros2ControlPlant(RealPlant):
             stamp, wrench = self._feet[foot].decode(data)
             sample = self._assembler.add_foot(foot, stamp, wrench)
         self._seen[source] = stamp
+        self._why.pop(source, None)
         if sample is not None:
             self._samples.append(replace(sample, t=self._t))
 
@@ -127,6 +128,8 @@ class Ros2ControlPlant(RealPlant):
         if self._clock.restarts > self._restarts_seen:
             self._restarts_seen = self._clock.restarts
             return "the robot's clock has jumped: it was restarted"
+        if self.counter.silence > SILENT_MAX and JOINTS in self._why:
+            return f"{JOINTS}: refused: {self._why[JOINTS]}"
         for source, age in self._ages().items():
             if age > SILENT_MAX:
                 return f"{source}: the newest message is {age:.3f} s older than the joint states"
@@ -172,7 +175,7 @@ class Ros2ControlPlant(RealPlant):
         topics, found = self.config.topic_of, []
         for source in self._sources:
             if source in self._why:
-                found.append(f"{self.refused[source]} messages of {source} refused: {self._why.pop(source)}")
+                found.append(f"{self.refused[source]} messages of {source} refused: {self._why[source]}")
             elif source not in self._seen:
                 found.append(f"no message of {source} on '{topics[source]}' ({self._where})")
         if self._t:
@@ -233,13 +236,14 @@ class Ros2ControlPlant(RealPlant):
     def report(self) -> Mapping[str, str]:
         """Counts of messages."""
         assembler = self._assembler
+        inactive = "unknown" if self._link.controllers() is None else "; ".join(self._inactive()) or "none"
         return {
             "state rate [Hz]": f"{self.counter.rate:.0f}",
             "states lost": str(self.counter.lost),
             "samples of several stamps": str(assembler.incomplete),
             "messages refused": ", ".join(f"{source} {n}" for source, n in self.refused.items()) or "0",
             "restarts of the robot": str(self._clock.restarts),
-            "inactive controllers": "; ".join(self._inactive()) or "none",
+            "inactive controllers": inactive,
         }
 
 

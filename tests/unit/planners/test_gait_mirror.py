@@ -52,8 +52,8 @@ def test_mirrored_in_mirrored_out(name: str) -> None:
             continue
         assert there.load == pytest.approx(here.load[::-1], abs=0.02)
         assert here.dcm is not None and there.dcm is not None
-        # The robots' own CoM is off their middle by millimetres, which the time of a step multiplies. At a touchdown the
-        # reference is that of feet that are off the plan: they do not move in this test.
+        # The robots' own CoM is off their middle by millimetres, which the time of a step multiplies. At a touchdown
+        # the reference is that of feet that are off the plan: they do not move in this test.
         np.testing.assert_allclose(there.dcm, here.dcm * FLIP[:2], atol=0.05 if landed else 0.015)
         np.testing.assert_allclose(there.sole_positions, here.sole_positions[::-1] * FLIP, atol=0.015)
         assert there.heading_rate == pytest.approx(-here.heading_rate, abs=0.02)
