@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from controllers.qp.terms import Terms
 from controllers.whole_body.config import LegClearanceConfig
 from controllers.whole_body.limits import UNBOUNDED, AccelerationLimit
+from models.constants import JOINTS_Q, JOINTS_V
 from models.leg_shapes import leg_chains, leg_shapes
 from models.numerics.compiled import njit
 from models.robot_model import RobotModel
@@ -16,9 +17,8 @@ from models.types import Reference
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_SCALE = 0.01  #: Of the rows and their bounds; eliminating the contacts makes those of the legs larger
+_SCALE = 0.01  #: Of the rows and their bounds, as in ``JointLimit``; a relaxed solve gives up this limit first
 _ROWS = 3  #: Pairs of shapes that are kept apart at the same time
-JOINTS_V, JOINTS_Q = 6, 7  #: Index of the first joint in a velocity and in a configuration
 
 
 class LegClearanceLimit(AccelerationLimit):

@@ -31,16 +31,16 @@ from planners.gait.reaction import Body, SwingLeg, SwingMotion, rest_of_swing
 from planners.gait.regions import (
     NOWHERE,
     URGENT_REGIONS,
+    FootLimits,
     Passage,
     Region,
-    Swiftness,
     arrival,
     corner_between,
     divided,
     missed,
+    reachable_distance,
     region_boxes,
     region_limits,
-    way_within,
 )
 from planners.gait.swing import SwingState, Via
 
@@ -68,7 +68,7 @@ class StepProblem(NamedTuple):
     place: Vector  #: From where the swing foot goes straight to the foothold: now, or a corner that it rounds (2,) [m]
     velocities: Matrix  #: Of the swing foot there, largest backward and forward along each axis (2, 2) [m/s]
     leaves: float  #: When it leaves ``place``, from the start of the single support [s]
-    swiftness: Swiftness  #: Of the swing foot along each axis
+    foot_limits: FootLimits  #: Of the swing foot along each axis
 
 
 class Weights(NamedTuple):
@@ -116,8 +116,8 @@ class StepAdjustment:
         \quad \text{s.t. bounds on } u, \tau, \delta, \quad -w(T - t, -v) \le u - u_{now} \le w(T - t, v)
 
     The offset ``b`` is soft: it is the distance from a walk that can continue without end. The product of ``delta`` and
-    ``tau`` is linearised at the last time, and so is the way w that a foot of velocity v still gets (``way_within``):
-    a farther foothold may be reached later.
+    ``tau`` is linearised at the last time, and so is the way w that a foot of velocity v still gets, the
+    ``reachable_distance``: a farther foothold may be reached later.
 
     References:
         Khadiv, Herzog, Moosavian, Righetti: Walking control based on step timing adaptation, T-RO 2020, eq. 14-21.
@@ -183,7 +183,7 @@ def _assemble(p: StepProblem, weights: Weights, out: StepQP) -> float:
         for k in range(2):
             sign = 1.0 - 2.0 * k
             velocity = p.velocities[i, 1 - k]
-            way, rate = way_within(at - p.leaves, sign * velocity, p.swiftness)
+            way, rate = reachable_distance(at - p.leaves, sign * velocity, p.foot_limits)
             if p.kept:
                 stop = p.place[i] + 0.5 * velocity * (at - p.leaves)
                 way = max(way, sign * (min(max(stop, p.lower[i]), p.upper[i]) - p.place[i]))
@@ -263,12 +263,12 @@ class StepPlanner:
         self._bounds = unbox(self._limits)
         law, reach = self._adjustment, config.reach
         boxes, self._corner = region_boxes(region_limits(reach)), (reach.cross_ahead, reach.width_min)
-        swiftness = Swiftness(config.swing.speed_max, config.swing.acceleration_max)
+        foot_limits = FootLimits(config.swing.speed_max, config.swing.acceleration_max)
         nearest = soles.half - np.abs(soles.points - soles.centres)  # edge from the ZMP point (2, 2) [m]
         cop = config.adjustment.cop_share * nearest
         model = StepModel(soles.points, leg)
         self._nominal = _Nominal(*(np.zeros(2) for _ in _Nominal._fields))
-        self._soles, self._passage = soles, Passage(self._corner, boxes, swiftness, config.timing.single_urgent)
+        self._soles, self._passage = soles, Passage(self._corner, boxes, foot_limits, config.timing.single_urgent)
         self._setup = unbox(
             _Setup(model, law.going_on, law.ending, self._passage, cop, soles.half, law.qp, self._nominal)
         )
@@ -431,10 +431,10 @@ def _assemble_step(
     swing_shift = rest_of_swing(omega, planned - elapsed, swing, body, model.leg)
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
     swing_place = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
-    rounds, crossing, swiftness = not math.isnan(corner[0]), region >= Region.FRONT, fixed.passage.swiftness
+    rounds, crossing, foot_limits = not math.isnan(corner[0]), region >= Region.FRONT, fixed.passage.foot_limits
     moving, away = rotated(-yaw, motion[1, 0], motion[1, 1]), 0.0
     if rounds:
-        away, moving = arrival(swing_place, moving, corner, swiftness)
+        away, moving = arrival(swing_place, moving, corner, foot_limits)
     stance_centre, centre = model.points[1 - foot], model.points[foot]
     point = point_at(x, y, yaw, stance_centre[0], stance_centre[1])
     landing = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
@@ -474,7 +474,7 @@ def _assemble_step(
         place,
         velocities,
         elapsed + away,
-        swiftness,
+        foot_limits,
     )
     return _assemble(problem, fixed.ending if ends else fixed.going_on, fixed.qp)
 

@@ -10,11 +10,11 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, NonNegative, Positive, Proportion, Share, default_config, overlaid
+from models.constants import JOINTS_V
 from models.leg_shapes import foot_size
 from models.robot_model import RobotModel
 
 QUINTIC_PEAK = 15.0 / 8.0  #: Peak over mean speed of a quintic from rest to rest [-]
-JOINTS_V = 6  #: Index of the first joint in a velocity: the base's twist comes before
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -293,7 +293,8 @@ def leg_length(model: RobotModel) -> float:
 def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitConfig:
     """The gait for a leg of another length and a foot of another length and width [m].
 
-    Lengths but widths scale with the leg, times and speeds with its root; what feet keep from each other with the foot.
+    Lengths but widths scale with the leg, times and speeds with its root; ``cross_ahead`` and ``width_min``
+    change by the difference of the feet's length and width.
     """
     length, reach = leg / config.leg, config.reach
     time = length**0.5

@@ -57,47 +57,51 @@ def region_boxes(limits: tuple[StepLimits, ...]) -> Array:
     return boxes
 
 
-class Swiftness(NamedTuple):
-    """How fast a swing foot moves along an axis."""
+class FootLimits(NamedTuple):
+    """Limits of a swing foot's motion along an axis."""
 
     speed: float  #: Largest mean speed [m/s]
     acceleration: float  #: Largest acceleration [m/s^2]
 
 
 @register_jitable
-def way_within(time: float, velocity: float, swiftness: Swiftness) -> Point:
+def reachable_distance(time: float, velocity: float, limits: FootLimits) -> Point:
     """How far a foot of this velocity gets and comes to rest in a time [m], and its derivative [m/s].
 
     With too little time it brakes harder.
     """
-    speed, most = swiftness
-    beyond = 0.25 * (most * time * time - velocity * velocity / most)
-    way, rate = 0.5 * velocity * time + max(beyond, 0.0), 0.5 * (velocity + (most * time if beyond > 0.0 else 0.0))
+    speed, acceleration = limits
+    beyond = 0.25 * (acceleration * time * time - velocity * velocity / acceleration)
+    way, rate = 0.5 * velocity * time, 0.5 * velocity
+    if beyond > 0.0:
+        way, rate = way + beyond, rate + 0.5 * acceleration * time
     if way > speed * time:
         return speed * time, speed
     return way, max(rate, 0.0)
 
 
 @register_jitable
-def time_to(way: float, velocity: float, swiftness: Swiftness) -> float:
+def time_to_pass(way: float, velocity: float, limits: FootLimits) -> float:
     """Least time in which a foot of this velocity covers a way and goes on [s]."""
     if way == 0.0:
         return 0.0
     towards = velocity if way > 0.0 else -velocity
-    speed, most = swiftness
-    return max((math.sqrt(towards * towards + 2.0 * most * abs(way)) - towards) / most, abs(way) / speed)
+    speed, acceleration = limits
+    accelerated = math.sqrt(towards * towards + 2.0 * acceleration * abs(way))
+    return max((accelerated - towards) / acceleration, abs(way) / speed)
 
 
 @register_jitable
-def time_to_rest(way: float, velocity: float, swiftness: Swiftness) -> float:
-    """Least time in which a foot of this velocity covers a way and comes to rest: the inverse of ``way_within`` [s]."""
+def time_to_rest(way: float, velocity: float, limits: FootLimits) -> float:
+    """Least time in which a foot of this velocity covers a way and comes to rest [s]."""
     towards = velocity if way > 0.0 else -velocity
-    speed, most = swiftness
-    return max((math.sqrt(2.0 * towards * towards + 4.0 * most * abs(way)) - towards) / most, abs(way) / speed)
+    speed, acceleration = limits
+    reached = math.sqrt(2.0 * towards * towards + 4.0 * acceleration * abs(way))
+    return max((reached - towards) / acceleration, abs(way) / speed)
 
 
 @register_jitable
-def arrival(place: Point, velocity: Point, corner: Point, swiftness: Swiftness) -> tuple[float, Point]:
+def arrival(place: Point, velocity: Point, corner: Point, limits: FootLimits) -> tuple[float, Point]:
     """Least time to a corner of ``corner_between`` [s], and the velocity of the foot there [m/s].
 
     The axis along which the foot may not go farther before the corner is that of x, but on the way back from across the
@@ -106,17 +110,18 @@ def arrival(place: Point, velocity: Point, corner: Point, swiftness: Swiftness) 
     outside = place[1] == corner[1] or place[1] * corner[1] >= corner[1] * corner[1]
     x, y = corner[0] - place[0], corner[1] - place[1]
     rest, way, speed = (x, y, velocity[1]) if outside else (y, x, velocity[0])
-    time = max(time_to_rest(rest, velocity[0] if outside else velocity[1], swiftness), time_to(way, speed, swiftness))
-    passing = speed if way == 0.0 else math.copysign(math.sqrt(speed * speed + 2.0 * swiftness[1] * abs(way)), way)
-    return time, ((0.0, passing) if outside else (passing, 0.0))
+    resting, passing = time_to_rest(rest, velocity[0 if outside else 1], limits), time_to_pass(way, speed, limits)
+    if way != 0.0:
+        speed = math.copysign(math.sqrt(speed * speed + 2.0 * limits[1] * abs(way)), way)
+    return max(resting, passing), ((0.0, speed) if outside else (speed, 0.0))
 
 
 class Passage(NamedTuple):
-    """What a swing foot has to keep to, and what it can do."""
+    """Limits of a swing foot's path and motion."""
 
     corner: Point  #: Of the area around the stance foot that it must not enter: ahead, and to its own side [m]
     reach: Array  #: Of ``region_boxes``
-    swiftness: Swiftness  #: Of the foot
+    foot_limits: FootLimits  #: Of the foot
     quickest: float  #: Shortest single support [s]
 
 
@@ -159,7 +164,7 @@ def missed(dcm: Point, place: Point, foot: int, half: Array, omega: float, passa
     lands as near to it as its reach and its speed allow.
     """
     growth, box, square = math.exp(omega * passage.quickest), passage.reach[Region.URGENT, foot], 0.0
-    way, _ = way_within(passage.quickest, 0.0, passage.swiftness)
+    way, _ = reachable_distance(passage.quickest, 0.0, passage.foot_limits)
     for i in range(2):
         cop = min(max(dcm[i], -half[i]), half[i])
         end = cop + (dcm[i] - cop) * growth

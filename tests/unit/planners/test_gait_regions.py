@@ -12,9 +12,9 @@ from planners.gait.footsteps import Foothold, side_of
 from planners.gait.pace import pace_at
 from planners.gait.regions import (
     URGENT_REGIONS,
+    FootLimits,
     Passage,
     Region,
-    Swiftness,
     corner_between,
     divided,
     missed,
@@ -106,7 +106,7 @@ def test_how_far_the_next_step_misses(planned: Planned, boxes: np.ndarray) -> No
     """Nothing of a DCM over the sole or in reach; of one beyond, its distance less what the foot covers."""
     half, quickest = planned.soles.half[0], planned.config.timing.single_urgent
     swing = planned.config.swing
-    passage = Passage(corner_of(planned), boxes, Swiftness(swing.speed_max, swing.acceleration_max), quickest)
+    passage = Passage(corner_of(planned), boxes, FootLimits(swing.speed_max, swing.acceleration_max), quickest)
     place = (0.0, 0.2)  # of the left foot, which steps next
 
     def miss(x: float, y: float, foot: int = 0) -> float:
@@ -117,7 +117,7 @@ def test_how_far_the_next_step_misses(planned: Planned, boxes: np.ndarray) -> No
     np.testing.assert_allclose(away, np.linspace(0.0, 0.2, 21) * math.exp(OMEGA * quickest), atol=1e-12)
     for x, y in ((0.4, 0.0), (-0.4, 0.1), (0.1, 0.5), (0.3, -0.2)):
         assert miss(x, -y, foot=1) == pytest.approx(miss(x, y))
-    slow = passage._replace(swiftness=Swiftness(0.1, swing.acceleration_max))
+    slow = passage._replace(foot_limits=FootLimits(0.1, swing.acceleration_max))
     assert missed((0.3, 0.1), place, 0, half, OMEGA, slow) > missed((0.3, 0.1), place, 0, half, OMEGA, passage)
 
 

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from models.config import default_config
 from planners.gait.adjustment import AdjustedStep, StepAdjustment, StepProblem
 from planners.gait.config import GaitConfig
-from planners.gait.regions import Swiftness, arrival, time_to, time_to_rest, way_within
+from planners.gait.regions import FootLimits, arrival, reachable_distance, time_to_pass, time_to_rest
 
 CONFIG = default_config(GaitConfig, "planners", "gait").adjustment
 OMEGA, ELAPSED = 3.85, 0.1
@@ -32,7 +32,7 @@ NOMINAL = StepProblem(
     place=np.zeros(2),
     velocities=np.zeros((2, 2)),
     leaves=ELAPSED,
-    swiftness=Swiftness(100.0, 1e4),  # bounds nothing
+    foot_limits=FootLimits(100.0, 1e4),  # bounds nothing
 )
 
 
@@ -120,23 +120,23 @@ def test_a_foot_that_is_to_land_farther_does_so_later(leaves: float) -> None:
 
     Also that from a corner, which the foot reaches later.
     """
-    place, swiftness = np.array([0.0, 0.2]), Swiftness(1.2, 1e4)
+    place, foot_limits = np.array([0.0, 0.2]), FootLimits(1.2, 1e4)
     dcm, planned = undisturbed() + np.array([0.2, 0.0]), NOMINAL.time
     for _ in range(20):  # the linearisation follows the last time
-        step = solve(dcm, planned=planned, place=place, leaves=leaves, swiftness=swiftness)
+        step = solve(dcm, planned=planned, place=place, leaves=leaves, foot_limits=foot_limits)
         planned = step.time
     free = solve(dcm)
     assert step.solved
-    assert np.abs(step.step - place).max() <= swiftness.speed * (step.time - leaves) + 1e-3
+    assert np.abs(step.step - place).max() <= foot_limits.speed * (step.time - leaves) + 1e-3
     # The bound is active: without it the foot goes farther.
-    assert free.step[0] - place[0] > swiftness.speed * (free.time - leaves)
+    assert free.step[0] - place[0] > foot_limits.speed * (free.time - leaves)
 
 
 @pytest.mark.parametrize("velocity", [-1.5, 0.0, 0.6, 2.0])
 def test_the_way_that_a_foot_gets_is_that_of_largest_acceleration_and_braking(velocity: float) -> None:
     """Against a search over the moment at which it begins to brake; the derivative against differences."""
-    swiftness, time, h = Swiftness(1e3, 50.0), 0.15, 1e-6
-    way, rate = way_within(time, velocity, swiftness)
+    foot_limits, time, h = FootLimits(1e3, 50.0), 0.15, 1e-6
+    way, rate = reachable_distance(time, velocity, foot_limits)
 
     def ending(switch: float) -> tuple[float, float]:
         top = velocity + 50.0 * switch
@@ -146,39 +146,39 @@ def test_the_way_that_a_foot_gets_is_that_of_largest_acceleration_and_braking(ve
     switches = np.linspace(0.0, time, 100001)
     at_rest = min(switches, key=lambda switch: abs(ending(switch)[1]))
     assert way == pytest.approx(ending(at_rest)[0], abs=1e-4)
-    later, earlier = (way_within(time + sign * h, velocity, swiftness)[0] for sign in (1.0, -1.0))
+    later, earlier = (reachable_distance(time + sign * h, velocity, foot_limits)[0] for sign in (1.0, -1.0))
     assert rate == pytest.approx((later - earlier) / (2.0 * h), rel=1e-4)
-    assert way_within(time, velocity, Swiftness(0.1, 50.0))[0] <= 0.1 * time + 1e-12
+    assert reachable_distance(time, velocity, FootLimits(0.1, 50.0))[0] <= 0.1 * time + 1e-12
 
 
 @pytest.mark.parametrize(("way", "velocity"), [(0.2, 0.0), (0.2, 1.0), (0.2, -1.0), (-0.2, 1.0)])
 def test_the_time_to_a_corner_is_that_of_largest_acceleration(way: float, velocity: float) -> None:
-    swiftness, towards = Swiftness(1e3, 50.0), math.copysign(1.0, way)
-    time, rests = time_to(way, velocity, swiftness), time_to_rest(way, velocity, swiftness)
+    foot_limits, towards = FootLimits(1e3, 50.0), math.copysign(1.0, way)
+    time, rests = time_to_pass(way, velocity, foot_limits), time_to_rest(way, velocity, foot_limits)
     assert velocity * time + towards * 25.0 * time**2 == pytest.approx(way, abs=1e-9)
-    assert way_within(rests, towards * velocity, swiftness)[0] == pytest.approx(abs(way))
-    assert time_to(way, velocity, Swiftness(0.1, 50.0)) >= abs(way) / 0.1
+    assert reachable_distance(rests, towards * velocity, foot_limits)[0] == pytest.approx(abs(way))
+    assert time_to_pass(way, velocity, FootLimits(0.1, 50.0)) >= abs(way) / 0.1
 
 
 def test_a_foot_comes_to_rest_at_a_corner_along_the_axis_that_it_blocks() -> None:
     """Ahead when it crosses, aside on its way back; mirrored for the other foot."""
-    swiftness, still = Swiftness(1e3, 50.0), (0.0, 0.0)
-    time, (x, y) = arrival((-0.1, 0.2), still, (0.2, 0.1), swiftness)
-    assert time == pytest.approx(time_to_rest(0.3, 0.0, swiftness)) and x == 0.0
-    assert y == pytest.approx(-50.0 * time_to(0.1, 0.0, swiftness))
-    time, (x, y) = arrival((0.25, -0.05), still, (0.2, 0.1), swiftness)
-    assert time == pytest.approx(time_to_rest(0.15, 0.0, swiftness)) and y == 0.0 and x < 0.0
-    mirrored = arrival((0.25, 0.05), still, (0.2, -0.1), swiftness)
+    foot_limits, still = FootLimits(1e3, 50.0), (0.0, 0.0)
+    time, (x, y) = arrival((-0.1, 0.2), still, (0.2, 0.1), foot_limits)
+    assert time == pytest.approx(time_to_rest(0.3, 0.0, foot_limits)) and x == 0.0
+    assert y == pytest.approx(-50.0 * time_to_pass(0.1, 0.0, foot_limits))
+    time, (x, y) = arrival((0.25, -0.05), still, (0.2, 0.1), foot_limits)
+    assert time == pytest.approx(time_to_rest(0.15, 0.0, foot_limits)) and y == 0.0 and x < 0.0
+    mirrored = arrival((0.25, 0.05), still, (0.2, -0.1), foot_limits)
     assert mirrored == (pytest.approx(time), (pytest.approx(x), 0.0))
     for side in (1.0, -1.0):  # inside already: it leaves ahead, and keeps its velocity across
-        time, (x, y) = arrival((0.1, side * 0.05), (0.0, -1.5 * side), (0.23, side * 0.05), swiftness)
-        assert (x, y) == (0.0, -1.5 * side) and time == pytest.approx(time_to_rest(0.13, 0.0, swiftness))
+        time, (x, y) = arrival((0.1, side * 0.05), (0.0, -1.5 * side), (0.23, side * 0.05), foot_limits)
+        assert (x, y) == (0.0, -1.5 * side) and time == pytest.approx(time_to_rest(0.13, 0.0, foot_limits))
 
 
 def test_a_foot_under_way_lands_less_far_behind_it() -> None:
     """What it has to brake first it cannot go the other way; in its own region there is always a foothold."""
     place, pushed, forward = np.array([0.0, 0.2]), undisturbed() + np.array([-0.15, 0.0]), np.array([[1.5], [0.0]])
-    slow = {"place": place, "swiftness": Swiftness(3.0, 20.0), "soonest": 0.34, "latest": 0.34}
+    slow = {"place": place, "foot_limits": FootLimits(3.0, 20.0), "soonest": 0.34, "latest": 0.34}
     still, moving = solve(pushed, **slow), solve(pushed, velocities=forward * np.ones(2), **slow)
     assert still.solved and moving.solved
     assert moving.step[0] > still.step[0] + 0.02
@@ -190,7 +190,7 @@ def test_a_foot_under_way_lands_less_far_behind_it() -> None:
 
 def test_without_a_solution_it_keeps_to_the_nominal_step() -> None:
     """A foot that is too far away and hardly moves, or a DCM that is not a number."""
-    stuck = {"place": np.array([5.0, 5.0]), "swiftness": Swiftness(0.1, 1e4)}
+    stuck = {"place": np.array([5.0, 5.0]), "foot_limits": FootLimits(0.1, 1e4)}
     for dcm, changed in ((undisturbed(), stuck), (np.full(2, np.nan), {})):
         step = solve(dcm, **changed)
         assert not step.solved
@@ -201,7 +201,7 @@ def test_without_a_solution_it_keeps_to_the_nominal_step() -> None:
 def test_one_adjustment_leaves_nothing_to_the_next() -> None:
     law, pushed = StepAdjustment(CONFIG), undisturbed() + np.array([0.2, 0.1])
     first = law.solve(
-        NOMINAL._replace(dcm=pushed, place=np.array([0.0, 0.2]), swiftness=Swiftness(1.0, 1e4), coupling=-0.2)
+        NOMINAL._replace(dcm=pushed, place=np.array([0.0, 0.2]), foot_limits=FootLimits(1.0, 1e4), coupling=-0.2)
     )
     kept = first.step.copy(), first.offset.copy(), first.cop.copy()
     again = law.solve(NOMINAL._replace(dcm=pushed))
