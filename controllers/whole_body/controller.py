@@ -136,6 +136,8 @@ class WholeBodyController:
         self._last = None
         self.set_lookahead(0.0)
         self.solver.reset()
+        for limit in self.limits.values():
+            limit.reset()
         self._joints = joints
         self.torque = np.zeros(self.model.nj)
 

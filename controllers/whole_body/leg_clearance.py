@@ -5,9 +5,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from controllers.qp.contacts import Reduction
 from controllers.qp.terms import Terms
 from controllers.whole_body.config import LegClearanceConfig
-from controllers.whole_body.limits import UNBOUNDED, AccelerationLimit
+from controllers.whole_body.limits import UNBOUNDED, AccelerationLimit, Rows
 from models.constants import JOINTS_Q, JOINTS_V
 from models.leg_shapes import leg_chains, leg_shapes
 from models.numerics.compiled import njit
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _SCALE = 0.01  #: Of the rows and their bounds, as in ``JointLimit``; a relaxed solve gives up this limit first
+_LOOK_TICKS = 4  #: From a look at all pairs to the next while none is near
 _ROWS = 3  #: Pairs of shapes that are kept apart at the same time
 
 
@@ -32,8 +34,9 @@ class LegClearanceLimit(AccelerationLimit):
     :math:`\ddot q` is left to the feedback. Pairs nearer than the gap in the 'stand' posture are not kept apart, as a
     hull is larger than its shape.
 
-    In a tick, those three pairs are measured that may be nearest: since a pair was measured, no point of a leg has
-    moved by more than the sum of the changes of its joints times their distances from it in the stretched leg.
+    In a tick, or in every fourth while none is near, those three pairs are measured that may be nearest: since a pair
+    was measured, no point of a leg has moved by more than the sum of the changes of its joints times their distances
+    from it in the stretched leg.
     """
 
     def __init__(self, model: RobotModel, config: LegClearanceConfig) -> None:
@@ -55,30 +58,50 @@ class LegClearanceLimit(AccelerationLimit):
         self._levers = np.array(
             [(levers[pair.first] + levers[pair.second])[self._joints - JOINTS_Q] for _, pair in self._pairs]
         )
-        self._distances = np.array([apart[k] for k, _ in self._pairs])  # when measured [m]
-        self._measured = np.tile(standing[self._joints], (len(self._pairs), 1))  # joint positions then [rad]
+        self._standing = np.array([apart[k] for k, _ in self._pairs]), standing[self._joints]
+        self._distances = np.empty(len(self._pairs))  # when measured [m]
+        self._measured = np.empty((len(self._pairs), len(self._joints)))  # joint positions then [rad]
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the distances of the posture 'stand'."""
+        self._distances[:], self._measured[:] = self._standing
+        self._ticks_to_look = 0
+
+    def update(self, terms: Terms, reference: Reference, reduction: Reduction, rows: Rows) -> None:
+        """Write the rows of this tick; without a bound they stay as they are."""
+        self.bound(terms, reference)
+        if self.lower[0] > -UNBOUNDED or rows.lower[0] != -UNBOUNDED:
+            self.write(reduction, rows)
 
     def bound(self, terms: Terms, reference: Reference) -> None:
         """Rows of the nearest pairs; the others are without a bound, all of them while both feet are planted."""
-        self.matrix[:], self.lower[:] = 0.0, -UNBOUNDED
-        if all(reference.contacts):
+        if self.lower[0] > -UNBOUNDED:
+            self.matrix[:], self.lower[:] = 0.0, -UNBOUNDED
+        self._ticks_to_look -= 1
+        if all(reference.contacts) or self._ticks_to_look > 0:
             return
         config, distances, measured = self._config, self._distances, self._measured
+        self._ticks_to_look = _LOOK_TICKS
         near = _nearest(terms.q, self._joints, measured, distances, self._levers, config.reach)
         if not len(near):
             return
         terms.place(self._geometry, self._data)
-        found = [(self._measure(self._pairs[k][0]), k) for k in near.tolist()]
-        distances[near], measured[near] = [result.min_distance for result, _ in found], terms.q[self._joints]
-        for row, (result, k) in enumerate(pair for pair in found if distances[pair[1]] < config.reach):
-            distance, (left, right) = distances[k], self._columns[k]
+        joints, row = terms.q[self._joints], 0
+        for k in near.tolist():
+            result, (left, right) = self._measure(self._pairs[k][0]), self._columns[k]
+            distances[k] = distance = result.min_distance
+            measured[k] = joints
+            if distance >= config.reach:
+                continue
             first, second = result.getNearestPoint1(), result.getNearestPoint2()
             normal = (first - second) / distance if distance > 0.0 else -result.normal
             jacobian, out = terms.joint_jacobian, self.matrix[row]
             rate = _distance_row(jacobian, terms.v, normal, first, second, left, right, out)
-            wanted = config.velocity_gain * (config.position_gain * (config.gap - distance) - rate)
-            self.lower[row] = _SCALE * min(max(wanted, -config.acceleration), config.acceleration)
+            target = config.velocity_gain * (config.position_gain * (config.gap - distance) - rate)
+            self.lower[row] = _SCALE * min(max(target, -config.acceleration), config.acceleration)
             out *= _SCALE
+            row, self._ticks_to_look = row + 1, 0
 
     def _measure(self, pair: int) -> coal.DistanceResult:
         return pin.computeDistance(self._geometry, self._data, pair)

@@ -36,6 +36,9 @@ class Limit(ABC):
     def size(self, contacts: int) -> int:
         """Number of rows while this many contacts are active."""
 
+    def reset(self) -> None:  # noqa: B027
+        """Forget what was kept from earlier ticks."""
+
 
 class RowLimit(Limit):
     """A limit in addition to those of ``BodyLimits``, with a method that writes its rows."""
@@ -67,6 +70,10 @@ class AccelerationLimit(RowLimit):
     def update(self, terms: Terms, reference: Reference, reduction: Reduction, rows: Rows) -> None:
         """``G N`` and the bounds less ``G a0``."""
         self.bound(terms, reference)
+        self.write(reduction, rows)
+
+    def write(self, reduction: Reduction, rows: Rows) -> None:
+        """Write the bounds into the reduced QP."""
         _acceleration_rows(self.matrix, self.lower, self.upper, reduction, rows)
 
 
