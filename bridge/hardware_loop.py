@@ -42,13 +42,13 @@ class Process(Enum):
     GUARD = "guard"
 
 
-Side = TypeVar("Side", bound=HangingRobot)
-Link = TypeVar("Link", bound=StepLink)
-RealPlant = TypeVar("RealPlant", bound=HardwarePlant)
-Guard = TypeVar("Guard", bound=SilenceGuard)
+SideT = TypeVar("SideT", bound=HangingRobot)
+LinkT = TypeVar("LinkT", bound=StepLink)
+PlantT = TypeVar("PlantT", bound=HardwarePlant)
+GuardT = TypeVar("GuardT", bound=SilenceGuard)
 
 
-class PlantLoop(Generic[Side, Link, RealPlant, Guard]):
+class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
     """One tick is: state, estimate, command, drivers, robot; states and commands are the protocol's bytes.
 
     Deterministic: the same arguments and calls give the same run. ``start`` does what the person at the gantry does.
@@ -67,10 +67,10 @@ class PlantLoop(Generic[Side, Link, RealPlant, Guard]):
     def __init__(
         self,
         robot: RobotModel,
-        side: Side,
-        link: Link,
-        plant: RealPlant,
-        guard: Guard,
+        side: SideT,
+        link: LinkT,
+        plant: PlantT,
+        guard: GuardT,
         record_period: float | None = None,
     ) -> None:
         self.robot = robot  #: The robot of the laws

@@ -12,7 +12,7 @@ from models.robot_model import RobotModel
 from models.urdf import read_urdf, resolve_uri
 
 _DIRECTIONS = 200  #: Of the points of a coarse hull: within 4 mm of the hull, for a shank
-_meshes = coal.CachedMeshLoader(coal.BV_OBBRSS)  #: Meshes of this process with their hulls, by file
+MESHES = coal.CachedMeshLoader(coal.BV_OBBRSS)  #: Of this process with their hulls, by file
 
 
 def leg_chains(robot: RobotModel) -> tuple[set[int], set[int]]:
@@ -41,9 +41,10 @@ def leg_shapes(robot: RobotModel, *, hulls: bool = False) -> pin.GeometryModel:
 
 def foot_size(robot: RobotModel) -> tuple[float, float]:
     """Largest length and width [m] along a sole's axes of the boxes around what moves with it; at least of the sole."""
-    geometry, sizes = leg_shapes(robot), []
-    for foot in robot.feet:
-        frame, x_min, x_max, y_min, y_max = robot.pin.frames[foot.frame_id], *foot.rectangle
+    soles, sizes = [robot.pin.frames[foot.frame_id] for foot in robot.feet], []
+    geometry = _shapes(robot, {sole.parentJoint for sole in soles})
+    for foot, frame in zip(robot.feet, soles, strict=True):
+        x_min, x_max, y_min, y_max = foot.rectangle
         points = [np.array([[x_min, y_min, 0.0], [x_max, y_max, 0.0]])]
         for body in geometry.geometryObjects:
             if body.parentJoint == frame.parentJoint:
@@ -59,11 +60,8 @@ def foot_size(robot: RobotModel) -> tuple[float, float]:
 def _coarse_hull(mesh: coal.BVHModelBase) -> coal.ConvexBase:
     """Convex hull of the outermost points of a mesh in ``_DIRECTIONS`` directions: few, as each distance reads some."""
     vertices = mesh.vertices()
-    k = np.arange(_DIRECTIONS)
-    height, turn = (
-        1.0 - (2.0 * k + 1.0) / _DIRECTIONS,
-        np.pi * (1.0 + 5.0**0.5) * k,
-    )  # evenly spread: Fibonacci's spiral
+    k = np.arange(_DIRECTIONS)  # along Fibonacci's spiral, which is evenly spread
+    height, turn = 1.0 - (2.0 * k + 1.0) / _DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
     radius = np.sqrt(1.0 - height**2)
     directions = np.column_stack((radius * np.cos(turn), radius * np.sin(turn), height))
     points = coal.StdVec_Vec3s()
@@ -88,6 +86,6 @@ def _shapes(robot: RobotModel, joints: set[int]) -> pin.GeometryModel:
                 link.append(shape)
     text, kind = ET.tostring(root, encoding="unicode"), pin.GeometryType.VISUAL
     try:
-        return pin.buildGeomFromUrdfString(robot.pin, text, kind, None, None, _meshes)
+        return pin.buildGeomFromUrdfString(robot.pin, text, kind, None, None, MESHES)
     except (RuntimeError, ValueError) as error:
         raise RobotModelError(f"{robot.urdf}: shapes of the legs: {error}") from error

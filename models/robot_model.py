@@ -10,14 +10,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from models.constants import FOOT_NAMES
+from models.constants import FOOT_NAMES, JOINTS_Q, JOINTS_V
 from models.errors import ConfigError, JointNameError, RobotModelError, did_you_mean
 from models.profile import Frame, Payload, Profile, Sole, joint_key, load_profile
 from models.types import Matrix, Vector
 from models.urdf import pinocchio_from_urdf, resolve_uri
 
 SOLE_FRAMES = ("l_sole", "r_sole")  #: REP-120 names of the sole frames, in the order of ``FOOT_NAMES``
-_BASE_NV, _BASE_NQ = 6, 7  #: Sizes of the base in a velocity and in a configuration
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +55,7 @@ class RobotModel:
         self.pin = pinocchio_from_urdf(self.urdf)
         self.nq: int = self.pin.nq  #: Size of a configuration: base position (3), base quaternion xyzw (4), joints (nj)
         self.nv: int = self.pin.nv  #: Size of a velocity: base twist in the base frame (6), joints (nj)
-        self.nj: int = self.nv - _BASE_NV  #: Number of joints
+        self.nj: int = self.nv - JOINTS_V  #: Number of joints
         self.joint_names: tuple[str, ...] = tuple(self.pin.names)[2:]  #: In the order of every joint vector, the URDF's
         self._index = {name: i for i, name in enumerate(self.joint_names)}
         _check_names(profile, self.joint_names, self.urdf)
@@ -67,9 +66,9 @@ class RobotModel:
         }
 
         drives = [(profile.joints[name], profile.motors[profile.joints[name].motor]) for name in self.joint_names]
-        self.q_lower = _frozen(self.pin.lowerPositionLimit[_BASE_NQ:])  #: (nj,) [rad]
-        self.q_upper = _frozen(self.pin.upperPositionLimit[_BASE_NQ:])  #: (nj,) [rad]
-        urdf_v, urdf_tau = self.pin.velocityLimit[_BASE_NV:], self.pin.effortLimit[_BASE_NV:]
+        self.q_lower = _frozen(self.pin.lowerPositionLimit[JOINTS_Q:])  #: (nj,) [rad]
+        self.q_upper = _frozen(self.pin.upperPositionLimit[JOINTS_Q:])  #: (nj,) [rad]
+        urdf_v, urdf_tau = self.pin.velocityLimit[JOINTS_V:], self.pin.effortLimit[JOINTS_V:]
         self.v_max = _frozen(_or_default(j.velocity_limit, urdf_v[i]) for i, (j, _) in enumerate(drives))
         self.tau_max = _frozen(_or_default(j.torque_limit, urdf_tau[i]) for i, (j, _) in enumerate(drives))
         self.tau_rate_max = _frozen(m.torque_rate for _, m in drives)  #: Torque rate limits of the drives (nj,) [N.m/s]
@@ -78,9 +77,9 @@ class RobotModel:
         self.frictionloss = _frozen(m.frictionloss for _, m in drives)  #: Dry friction (nj,) [N.m]
         self.kp = _frozen(_or_default(j.kp, m.kp) for j, m in drives)  #: Driver gains (nj,) [N.m/rad]
         self.kd = _frozen(_or_default(j.kd, m.kd) for j, m in drives)  #: Driver gains (nj,) [N.m.s/rad]
-        self.pin.armature = np.concatenate([np.zeros(_BASE_NV), self.armature])
-        self.pin.velocityLimit = np.concatenate([self.pin.velocityLimit[:_BASE_NV], self.v_max])
-        self.pin.effortLimit = np.concatenate([self.pin.effortLimit[:_BASE_NV], self.tau_max])
+        self.pin.armature = np.concatenate([np.zeros(JOINTS_V), self.armature])
+        self.pin.velocityLimit = np.concatenate([self.pin.velocityLimit[:JOINTS_V], self.v_max])
+        self.pin.effortLimit = np.concatenate([self.pin.effortLimit[:JOINTS_V], self.tau_max])
 
         self._frames = self._add_frames()
         for hull_name, hull in profile.hulls.items():
@@ -163,12 +162,12 @@ class RobotModel:
         T_WB = (mean of T_BL and T_BR)^-1, with the mean rotation half-way on the geodesic from left to right.
         """
         q: Vector = pin.neutral(self.pin)
-        q[_BASE_NQ:] = joints
+        q[JOINTS_Q:] = joints
         pin.framesForwardKinematics(self.pin, data, q)
         left, right = (data.oMf[foot.frame_id] for foot in self.feet)
         rotation = left.rotation @ pin.exp3(0.5 * pin.log3(left.rotation.T @ right.rotation))
         middle = pin.SE3(rotation, 0.5 * (left.translation + right.translation))
-        q[:_BASE_NQ] = pin.SE3ToXYZQUAT(middle.inverse())
+        q[:JOINTS_Q] = pin.SE3ToXYZQUAT(middle.inverse())
         return q
 
     def _add_frames(self) -> dict[str, int]:
@@ -204,7 +203,7 @@ class RobotModel:
         if not mass > 0.0:
             raise RobotModelError(f"{self.profile.source}: payload.mass: {payload.mass:g} kg leaves none of the torso")
         q: Vector = pin.neutral(self.pin)
-        q[_BASE_NQ:] = self.posture("stand")
+        q[JOINTS_Q:] = self.posture("stand")
         data = self.data()
         pin.forwardKinematics(self.pin, data, q)
         com = pin.centerOfMass(self.pin, data, q)

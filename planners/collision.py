@@ -6,19 +6,18 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from models.errors import RobotModelError
+from models.leg_shapes import MESHES
 from models.robot_model import RobotModel
 from models.types import Vector
 from models.urdf import data_folder
 from planners.motion_config import CollisionConfig
-
-_meshes = coal.CachedMeshLoader(coal.BV_OBBRSS)  #: Meshes of this process with their hulls, by file
 
 
 def hull_geometry(model: pin.Model, urdf: str) -> pin.GeometryModel:
     """Collision bodies of a URDF as convex hulls, without pairs; ``RobotModelError`` for a missing mesh."""
     try:
         geometry = pin.buildGeomFromUrdf(
-            model, urdf, pin.GeometryType.COLLISION, None, [str(data_folder().parent), *_parents(urdf)], _meshes
+            model, urdf, pin.GeometryType.COLLISION, None, [str(data_folder().parent), *_parents(urdf)], MESHES
         )
     except ValueError as error:
         raise RobotModelError(f"{urdf}: collision bodies: {error}") from error

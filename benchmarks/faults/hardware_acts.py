@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from typing import TypeAlias
+from typing import Any, TypeAlias
 from unittest.mock import patch
 
 import numpy as np
@@ -18,28 +18,30 @@ WRIST = 20  #: Motor of a left wrist joint, which bears no weight
 BOOT_TIME = 0.5  #: Without states while the robot's side restarts [s]
 
 
-def _set(name: str) -> Act:
-    """An attribute of the robot has the value of the row, all elements of an array."""
+def _replaced(part: str, name: str, make: Callable[[HardwareLoop, float], Any]) -> Act:
+    """An attribute of a part of the loop has the value that is made of the row's."""
 
     @contextmanager
     def act(loop: HardwareLoop, value: float) -> Iterator[None]:
-        before = getattr(loop.side, name)
-        changed = np.full_like(before, value) if isinstance(before, np.ndarray) else int(value)
-        with patch.object(loop.side, name, changed):
+        with patch.object(getattr(loop, part), name, make(loop, value)):
             yield
 
     return act
+
+
+def _set(name: str) -> Act:
+    """An attribute of the robot has the value of the row, all elements of an array."""
+
+    def changed(loop: HardwareLoop, value: float) -> Any:
+        before = getattr(loop.side, name)
+        return np.full_like(before, value) if isinstance(before, np.ndarray) else int(value)
+
+    return _replaced("side", name, changed)
 
 
 def _states(make: Callable[[HardwareLoop, float], Callable[[bytes], bytes | None]]) -> Act:
     """The states change on the cable."""
-
-    @contextmanager
-    def act(loop: HardwareLoop, value: float) -> Iterator[None]:
-        with patch.object(loop.link, "states_pass", make(loop, value)):
-            yield
-
-    return act
+    return _replaced("link", "states_pass", make)
 
 
 def _damaged(data: bytes) -> bytes:
@@ -73,18 +75,6 @@ def _measured(name: str, motor: int, value_of: Callable[[float], float]) -> Act:
         return passed
 
     return _states(make)
-
-
-@contextmanager
-def _commands_damaged(loop: HardwareLoop, value: float) -> Iterator[None]:
-    with patch.object(loop.link, "commands_pass", _damaged):
-        yield
-
-
-@contextmanager
-def _cable(loop: HardwareLoop, value: float) -> Iterator[None]:
-    with patch.object(loop.link, "connected", False):
-        yield
 
 
 @contextmanager
@@ -135,24 +125,6 @@ def _vendor_again(loop: HardwareLoop, value: float) -> Iterator[None]:
 
 
 @contextmanager
-def _never_released(loop: HardwareLoop, value: float) -> Iterator[None]:
-    with patch.object(loop.link, "release", lambda: None):
-        yield
-
-
-@contextmanager
-def _other_version(loop: HardwareLoop, value: float) -> Iterator[None]:
-    with patch.object(loop.side, "switcher_version", "2.0.0.0"):
-        yield
-
-
-@contextmanager
-def _no_answer(loop: HardwareLoop, value: float) -> Iterator[None]:
-    with patch.object(loop.link, "vendor", lambda: None):
-        yield
-
-
-@contextmanager
 def _battery(loop: HardwareLoop, value: float) -> Iterator[None]:
     """The robot's side loses its power and starts again: no torque, then its own controller, and a tick from zero."""
     side, loop.link.connected = loop.side, False
@@ -191,16 +163,16 @@ ACTS: Mapping[str, Act] = {
     "states_repeated": _states(_repeated),
     "state_nan": _measured("q", KNEE, lambda value: float("nan")),
     "torque_at_limit": _measured("tau_est", WRIST, lambda value: value),
-    "commands_damaged": _commands_damaged,
-    "cable": _cable,
+    "commands_damaged": _replaced("link", "commands_pass", lambda loop, value: _damaged),
+    "cable": _replaced("link", "connected", lambda loop, value: False),
     "clock": _clock,
     "foreign_once": _once,
     "foreign": _commander,
     "button": _pressed,
     "vendor_again": _vendor_again,
-    "never_released": _never_released,
-    "no_answer": _no_answer,
-    "other_version": _other_version,
+    "never_released": _replaced("link", "release", lambda loop, value: lambda: None),
+    "no_answer": _replaced("link", "vendor", lambda loop, value: lambda: None),
+    "other_version": _replaced("side", "switcher_version", lambda loop, value: "2.0.0.0"),
     "battery": _battery,
     "driver_killed": _killed(Process.DRIVER),
     "control_killed": _killed(Process.CONTROL),

@@ -3,11 +3,12 @@
 States and commands are the bytes of Unitree's protocol, the robot is a simulated one behind them (``HardwareLoop``).
 """
 
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Any, Literal
+from unittest.mock import patch
 
 import numpy as np
 from pydantic.dataclasses import dataclass as schema
@@ -70,11 +71,10 @@ class CommandSteps:
         self._limit = loop.side.model.tau_rate_max * loop.plant.period
         self._own = loop.side.command is not None
         self._receive = loop.side.receive
-        loop.side.receive = self._on_command  # type: ignore[method-assign]
 
-    def close(self) -> None:
-        """Watch no longer."""
-        self._side.receive = self._receive  # type: ignore[method-assign]
+    def watch(self) -> AbstractContextManager[Any]:
+        """Compare the commands that the robot receives within this context."""
+        return patch.object(self._side, "receive", self._on_command)
 
     def _on_command(self, data: bytes) -> None:
         before, accepted = self._side.command, self._side.received
@@ -115,7 +115,7 @@ class Trial:
         loop.run(config().settle)
         steps, begin = CommandSteps(loop), loop.t
         with ExitStack() as fault:
-            fault.callback(steps.close)
+            fault.enter_context(steps.watch())
             active = fault.enter_context(ExitStack())
             active.enter_context(ACTS[row.act](loop, row.value))
             for _ in range(round((row.duration or config().duration) / loop.plant.period)):

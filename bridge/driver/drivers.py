@@ -90,7 +90,7 @@ class HardwareDrivers(Drivers):
     def __init__(self, plant: HardwarePlant, model: RobotModel) -> None:
         super().__init__(plant, model)
         self.plant: HardwarePlant = plant
-        self.startup = Startup(model, crashed=plant.crashed)
+        self.startup = Startup(model, crashed=plant.crashed, executed=plant.executed)
         self._load = FootLoad(model)
 
     @property

@@ -12,7 +12,7 @@ the stiff hold over the time ``fade``; a robot that is lifted before that is ``h
 operator to hang the robot up; when the vendor's controller becomes active, commands end, and the start begins again.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -89,11 +89,20 @@ class StartInputs(NamedTuple):
 class Startup:
     """The state machine. A tick is ``update``, then ``command``.
 
-    ``crashed`` is whether the last driver ended without damping the robot: then only damping is possible. The methods
-    of the operator raise ``CommandError`` with the reason of a refusal.
+    ``crashed`` is whether the last driver ended without damping the robot: then only damping is possible. ``executed``
+    is what the robot executes of a command, from which a fault fades. The methods of the operator raise
+    ``CommandError`` with the reason of a refusal.
     """
 
-    def __init__(self, model: RobotModel, config: StartupConfig | None = None, *, crashed: bool = False) -> None:
+    def __init__(
+        self,
+        model: RobotModel,
+        config: StartupConfig | None = None,
+        *,
+        crashed: bool = False,
+        executed: Callable[[JointCommand], JointCommand] = lambda command: command,
+    ) -> None:
+        self._executed = executed
         self.config = config or default_config(StartupConfig, "bridge", "startup")
         self.model = model
         self.state = StartState.LISTEN
@@ -245,7 +254,8 @@ class Startup:
         else:
             given = self._held()
         if state is not StartState.DAMPED:
-            self._at_fault = JointCommand.torque(drive_torque(self.model, given, sensors.q, sensors.v))
+            torque = drive_torque(self.model, self._executed(given), sensors.q, sensors.v)
+            self._at_fault = JointCommand.torque(torque)
         return given
 
     def _require(self, name: str, state: StartState) -> None:

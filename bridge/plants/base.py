@@ -90,6 +90,10 @@ class HardwarePlant(Plant, Protocol):
     def report(self) -> Mapping[str, str]:
         """Further entries of the diagnostics."""
 
+    def executed(self, command: JointCommand) -> JointCommand:
+        """What the robot executes of a command: its gains may be reduced."""
+        return command
+
     def hand_over(self) -> None:
         """End all commands, those of a guard process included: the vendor's controller is active."""
 

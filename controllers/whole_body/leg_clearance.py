@@ -108,10 +108,8 @@ class LegClearanceLimit(AccelerationLimit):
 
 
 def _columns(robot: pin.Model, joints: set[int]) -> Index:
-    """Velocity indices of joints."""
-    return np.array(
-        [robot.idx_vs[joint] + k for joint in sorted(joints) for k in range(robot.nvs[joint])], dtype=np.int64
-    )
+    """Velocity indices of joints, each of which has one."""
+    return np.array([robot.idx_vs[joint] for joint in sorted(joints)], dtype=np.int64)
 
 
 def _levers(robot: pin.Model, body: pin.GeometryObject) -> Array:

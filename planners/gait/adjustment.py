@@ -14,6 +14,7 @@ from planners.gait.commands import CommandState
 from planners.gait.config import AdjustmentConfig, GaitConfig
 from planners.gait.contact import Soles
 from planners.gait.dcm import StepModel, offset_coupling, previewed_offset, swing_allowance
+from planners.gait.foot_motion import FootLimits, reachable_distance
 from planners.gait.footsteps import (
     Feet,
     Foothold,
@@ -31,20 +32,17 @@ from planners.gait.reaction import Body, SwingLeg, SwingMotion, rest_of_swing
 from planners.gait.regions import (
     NOWHERE,
     URGENT_REGIONS,
-    FootLimits,
     Passage,
     Region,
     arrival,
     corner_between,
     divided,
     missed,
-    reachable_distance,
     region_boxes,
     region_limits,
 )
 from planners.gait.swing import SwingState, Via
 
-_SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  #: Times at which a foot may pass a corner, of those that are left [-]
 _UNSOLVED = 1e6  #: Value of a QP without a solution [-]
 
 
@@ -333,13 +331,11 @@ class StepPlanner:
         end = np.empty(2)
         x, y = _foothold_of(self._setup, poses, walk.foot, omega, walk.pace, z, end)
         hold, time = Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega
-        via, share, lead = None, None, config.swing.urgent_lead if walk.urgent else 0.0
+        via = None
         if not math.isnan(corner[0]):
-            via = step.via if step.region is region else None
-            if via is not None:
-                share = min(max((via.time - elapsed) / max(step.time - lead - elapsed, 1e-3), 0.0), 0.9)
-            if via is None or via.time - elapsed > 2.0 * config.swing.freeze:
-                via = _passing(walk.stance.moved(*corner), swing, hold, elapsed, time - lead, share)
+            lead = elapsed + (config.swing.urgent_lead if walk.urgent else 0.0)
+            before, left = step.via if step.region is region else None, (time - lead, step.time - lead)
+            via = swing.via(walk.stance.moved(*corner), (hold.x, hold.y), elapsed, left, before, config.swing.freeze)
         return PlannedStep(hold, time, end, solved, region, via, least)
 
     def _coming(self, walk: Walk) -> Matrix:
@@ -350,40 +346,6 @@ class StepPlanner:
             return np.array([walk.stance.pose, *(step.pose for step in steps)])
         period, steps_left = walk.pace.period, command.steps_left
         return preview_poses(walk.stance, walk.foot, command.velocity, period, self._bounds, count, steps_left)
-
-
-def _passing(corner: Point, swing: SwingState, hold: Foothold, elapsed: float, end: float, share: float | None) -> Via:
-    """When and how fast a foot on its way to a foothold passes a corner in W (2,) [m].
-
-    ``share`` is that of the time to the ``end`` of the swing at which it does; of least effort when None.
-    """
-    left, speeds = max(end - elapsed, 1e-3), swing.velocity[:2].tolist()
-    before = [corner[i] - swing.position[i] for i in range(2)]
-    after = [hold.x - corner[0], hold.y - corner[1]]
-    ways = list(zip(before, after, speeds, strict=True))
-    if share is None:
-        share = min(_SHARES, key=lambda share: sum(_effort(*way, left * share, left * (1.0 - share)) for way in ways))
-    x, y = (_passing_speed(*way, left * share, left * (1.0 - share)) for way in ways)
-    return Via(*corner, (x, y), elapsed + left * share)
-
-
-def _passing_speed(before: float, after: float, speed: float, first: float, last: float) -> float:
-    """Of the cubic spline that starts with a speed and ends at rest, between two ways in two times [m/s].
-
-    Not more than that from which on the first way begins backwards, for a run-up.
-    """
-    passing = (1.5 * (before / first**2 + after / last**2) - 0.5 * speed / first) / (1.0 / first + 1.0 / last)
-    most = 3.0 * before / first - 2.0 * speed
-    return min(max(passing, min(most, 0.0)), max(most, 0.0))
-
-
-def _effort(before: float, after: float, speed: float, first: float, last: float) -> float:
-    """Integral of the square of that spline's acceleration [m^2/s^3], over 4."""
-    passing = _passing_speed(before, after, speed, first, last)
-    return sum(
-        3.0 * way * (way - time * (start + end)) / time**3 + (start**2 + start * end + end**2) / time
-        for way, time, start, end in ((before, first, speed, passing), (after, last, passing, 0.0))
-    )
 
 
 @njit(cache=True)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from models.numerics.compiled import register_jitable
 from planners.gait.config import ReachConfig
+from planners.gait.foot_motion import FootLimits, reachable_distance, time_to_pass, time_to_rest
 from planners.gait.footsteps import LEFT, Point, StepLimits, limits_of
 
 Array = NDArray[np.float64]
@@ -55,49 +56,6 @@ def region_boxes(limits: tuple[StepLimits, ...]) -> Array:
         box[0, :, 1] = limit.width_min, limit.width_max
         box[1, :, 1] = -limit.width_max, -limit.width_min
     return boxes
-
-
-class FootLimits(NamedTuple):
-    """Limits of a swing foot's motion along an axis."""
-
-    speed: float  #: Largest mean speed [m/s]
-    acceleration: float  #: Largest acceleration [m/s^2]
-
-
-@register_jitable
-def reachable_distance(time: float, velocity: float, limits: FootLimits) -> Point:
-    """How far a foot of this velocity gets and comes to rest in a time [m], and its derivative [m/s].
-
-    With too little time it brakes harder.
-    """
-    speed, acceleration = limits
-    beyond = 0.25 * (acceleration * time * time - velocity * velocity / acceleration)
-    way, rate = 0.5 * velocity * time, 0.5 * velocity
-    if beyond > 0.0:
-        way, rate = way + beyond, rate + 0.5 * acceleration * time
-    if way > speed * time:
-        return speed * time, speed
-    return way, max(rate, 0.0)
-
-
-@register_jitable
-def time_to_pass(way: float, velocity: float, limits: FootLimits) -> float:
-    """Least time in which a foot of this velocity covers a way and goes on [s]."""
-    if way == 0.0:
-        return 0.0
-    towards = velocity if way > 0.0 else -velocity
-    speed, acceleration = limits
-    accelerated = math.sqrt(towards * towards + 2.0 * acceleration * abs(way))
-    return max((accelerated - towards) / acceleration, abs(way) / speed)
-
-
-@register_jitable
-def time_to_rest(way: float, velocity: float, limits: FootLimits) -> float:
-    """Least time in which a foot of this velocity covers a way and comes to rest [s]."""
-    towards = velocity if way > 0.0 else -velocity
-    speed, acceleration = limits
-    reached = math.sqrt(2.0 * towards * towards + 4.0 * acceleration * abs(way))
-    return max((reached - towards) / acceleration, abs(way) / speed)
 
 
 @register_jitable

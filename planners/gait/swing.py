@@ -18,6 +18,7 @@ from planners.gait.footing import FLAT, ToeOff, turned_about
 from planners.gait.footsteps import Point
 
 X, Y, Z, YAW = range(4)
+_SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  #: Times at which a foot may pass a corner, of those that are left [-]
 
 
 class Via(NamedTuple):
@@ -89,6 +90,27 @@ class SwingState(Struct, frozen=True):
         """(4,) [m/s, rad/s]."""
         velocity: Vector = self.motion[1]
         return velocity
+
+    def via(self, corner: Point, target: Point, elapsed: float, left: Point, last: Via | None, freeze: float) -> Via:
+        """When and how fast the foot passes a corner on its way to a target, both in W (2,) [m].
+
+        ``left`` is the time to the end of the swing, now and by the last plan [s]. The first time is that of least
+        effort, later plans keep its share of the time that is left: ``last`` is that of the last plan. Shortly before
+        the corner, within twice ``freeze`` [s], nothing changes.
+        """
+        if last is not None and last.time - elapsed <= 2.0 * freeze:
+            return last
+        time, speeds = max(left[0], 1e-3), self.velocity[:2].tolist()
+        before = [corner[i] - float(self.motion[0, i]) for i in range(2)]
+        ways = list(zip(before, (target[X] - corner[X], target[Y] - corner[Y]), speeds, strict=True))
+        if last is None:
+            share = min(
+                _SHARES, key=lambda share: sum(_effort(*way, time * share, time * (1.0 - share)) for way in ways)
+            )
+        else:
+            share = min(max((last.time - elapsed) / max(left[1], 1e-3), 0.0), 0.9)
+        x, y = (_passing_speed(*way, time * share, time * (1.0 - share)) for way in ways)
+        return Via(*corner, (x, y), elapsed + time * share)
 
     def shifted(self, x: float, y: float) -> SwingState:
         """Moved in W [m]."""
@@ -192,6 +214,25 @@ class SwingFoot:
 def end_acceleration(way: float, duration: float, effort: float) -> float:
     """Acceleration at the end of a swing over a way [m/s^2], that at its start reversed; see ``SwingFoot``."""
     return -6.0 * effort * way / (duration * duration)
+
+
+def _passing_speed(before: float, after: float, speed: float, first: float, last: float) -> float:
+    """Of the cubic spline that starts with a speed and ends at rest, between two ways in two times [m/s].
+
+    Not more than that from which on the first way begins backwards, for a run-up.
+    """
+    passing = (1.5 * (before / first**2 + after / last**2) - 0.5 * speed / first) / (1.0 / first + 1.0 / last)
+    most = 3.0 * before / first - 2.0 * speed
+    return min(max(passing, min(most, 0.0)), max(most, 0.0))
+
+
+def _effort(before: float, after: float, speed: float, first: float, last: float) -> float:
+    """Integral of the square of that spline's acceleration [m^2/s^3], over 4."""
+    passing = _passing_speed(before, after, speed, first, last)
+    return sum(
+        3.0 * way * (way - time * (start + end)) / time**3 + (start**2 + start * end + end**2) / time
+        for way, time, start, end in ((before, first, speed, passing), (after, last, passing, 0.0))
+    )
 
 
 def _braking(start: Point, target: Sequence[float], duration: float, effort: float) -> Point:

@@ -15,7 +15,7 @@ pytest.importorskip("rclpy")
 from bridge.driver.drivers import HardwareDrivers
 from bridge.driver.startup import StartState
 from bridge.hardware_loop import Process, Ros2ControlLoop
-from bridge.plants.ros2_control.config import FEET, IMU, JOINTS
+from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, Source
 from bridge.plants.ros2_control.plant import Ros2ControlPlant
 from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
 from models.errors import ConfigError, MessageError
@@ -88,8 +88,8 @@ def test_nothing_is_sent_before_the_gantry_is_confirmed(tmp_path: Path) -> None:
     assert loop.link.sent
 
 
-def deactivate(loop: Ros2ControlLoop, source: str = "command") -> None:
-    loop.side.controllers[getattr(loop.side.config.controllers, source)] = "inactive"
+def deactivate(loop: Ros2ControlLoop, source: Source = COMMAND) -> None:
+    loop.side.controllers[loop.side.config.controllers[source]] = "inactive"
 
 
 FAULTS: dict[str, tuple[Callable[[Ros2ControlLoop], object], str]] = {
@@ -137,6 +137,23 @@ def test_the_guard_fades_the_torque_of_a_driver_that_was_killed(standing: Ros2Co
     assert standing.guard.active and standing.guard.interventions == 1 and not standing.guard.refused
     steps = np.abs(np.diff([last, *torques[:40]], axis=0))  # until the robot, which is damped, hits the floor
     assert steps.max() < 0.25 * np.abs(last).max()  # all of it without the fade
+
+
+def test_a_fault_fades_from_the_torque_that_is_in_force(tmp_path: Path) -> None:
+    """A controller of torques has reduced gains: the fade begins with what they gave."""
+    loop = loop_of(tmp_path)
+    loop.reach(StartState.GANTRY)
+    loop.startup.confirm_gantry()
+    loop.reach(StartState.PREPARE)
+    loop.run(1.5)  # the joints lag behind the ramp
+    taus = []
+    for tick in range(20):
+        if tick == 10:
+            loop.startup.damp("test")
+        loop.step()
+        taus.append(loop.side.drive().tau)
+    steps = np.abs(np.diff(taus, axis=0)).max(axis=1)
+    assert steps[10:].max() < 2.0 * steps[:9].max() + 0.5
 
 
 def test_close_damps_and_leaves_no_torque(standing: Ros2ControlLoop, tmp_path: Path) -> None:

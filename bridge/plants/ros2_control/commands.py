@@ -42,6 +42,10 @@ class CommandCodec(Protocol):
     kind: Any
     evaluated: bool
 
+    def executed(self, command: JointCommand) -> JointCommand:
+        """What the controller executes of a command."""
+        return command
+
     def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
         """Serialised message of a command for the state q [rad], v [rad/s] (nj,), measured at a stamp [ns]."""
 
@@ -77,12 +81,14 @@ class EffortCodec(CommandCodec):
         message.layout.dim = [MultiArrayDimension(label=mark, size=model.nj, stride=model.nj)]
         self._begin = bytes(serialize_message(message))[: -8 * model.nj]  # before the numbers
 
-    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
-        limit = self._model.tau_max
+    def executed(self, command: JointCommand) -> JointCommand:
         kp, kd = _gains(command, (self._model.kp, self._model.kd))
         kd = np.minimum(kd, self._kd_max)
-        command = replace(command, kp=np.minimum(kp, kd / (2.0 * self._delay)), kd=kd)
-        torque = np.clip(drive_torque(self._model, command, q, v), -limit, limit)
+        return replace(command, kp=np.minimum(kp, kd / (2.0 * self._delay)), kd=kd)
+
+    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
+        limit = self._model.tau_max
+        torque = np.clip(drive_torque(self._model, self.executed(command), q, v), -limit, limit)
         return self._begin + torque.astype("<f8").tobytes()
 
     def decode(self, data: bytes) -> JointCommand:

@@ -1,7 +1,7 @@
 """Schema of ``bridge/config/ros2_control.yaml``: names of controllers and topics, and how the robot is commanded."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -9,33 +9,14 @@ from pydantic.dataclasses import dataclass
 from models.config import STRICT, Positive, default_config, overlaid
 from models.robot_model import RobotModel
 
-JOINTS, IMU, FEET = "joint_states", "imu", ("left_foot", "right_foot")
-COMMAND, STATE = "command", "state"
+Source = Literal["joint_states", "imu", "left_foot", "right_foot", "command"]  #: What a controller gives or takes
+JOINTS: Final = "joint_states"
+IMU: Final = "imu"
+FEET: Final[tuple[Source, Source]] = ("left_foot", "right_foot")
+COMMAND: Final = "command"
+STATE: Final = "state"
 #: Topic of each source below the name of its controller, where it is not in the namespace of the controller manager
-_LOCAL = {IMU: "imu", FEET[0]: "wrench", FEET[1]: "wrench", COMMAND: "commands"}
-
-
-@dataclass(frozen=True, slots=True, config=STRICT)
-class ControllerNames:
-    """Names under which the controllers are loaded."""
-
-    joint_states: str  #: joint_state_broadcaster/JointStateBroadcaster
-    imu: str  #: imu_sensor_broadcaster/IMUSensorBroadcaster
-    left_foot: str  #: force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster
-    right_foot: str  #: force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster
-    command: str  #: The controller that executes the commands
-
-
-@dataclass(frozen=True, slots=True, config=STRICT)
-class TopicNames:
-    """Topics; empty for the one that the controller has by default."""
-
-    joint_states: str  #: sensor_msgs/JointState
-    imu: str  #: sensor_msgs/Imu
-    left_foot: str  #: geometry_msgs/WrenchStamped
-    right_foot: str  #: geometry_msgs/WrenchStamped
-    command: str  #: Of the command controller
-    state: str  #: linear_feedback_controller_msgs/Sensor; only with command feedback
+_LOCAL: Mapping[Source, str] = {IMU: "imu", FEET[0]: "wrench", FEET[1]: "wrench", COMMAND: "commands"}
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -46,8 +27,13 @@ class Ros2ControlConfig:
     rate: Annotated[float, Field(ge=100.0, le=2000.0)]  #: Update rate of the controller manager [Hz]
     part_age_max: Positive  #: Age up to which a sample of IMU or foot is used with newer joints [s]
     controller_manager: str  #: Its name; empty: the states of the controllers are not checked
-    controllers: ControllerNames
-    topics: TopicNames
+    #: Name of the controller by source: joint_state_broadcaster/JointStateBroadcaster,
+    #: imu_sensor_broadcaster/IMUSensorBroadcaster, force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster of each
+    #: foot, and the one that executes the commands
+    controllers: dict[Source, str]
+    #: Topic by source, empty for the one that the controller has by default; ``state``, only with command feedback, is
+    #: linear_feedback_controller_msgs/Sensor
+    topics: dict[Source | Literal["state"], str]
     #: Only with command effort: from a state to its torque, for which the gains of the driver are stable [s]
     delay: Annotated[float, Field(ge=0.001, le=0.02)]
     free_flyer: bool  #: Only with command feedback: whether the controller's state includes the base
@@ -55,12 +41,11 @@ class Ros2ControlConfig:
     @property
     def topic_of(self) -> dict[str, str]:
         """Topic by source, ``command`` and ``state`` included."""
-        names = {JOINTS: JOINTS, STATE: "sensor"}
-        for source, local in _LOCAL.items():
-            names[source] = f"{getattr(self.controllers, source)}/{local}"
+        names: dict[Source | Literal["state"], str] = {JOINTS: JOINTS, STATE: "sensor"}
+        names |= {source: f"{self.controllers[source]}/{local}" for source, local in _LOCAL.items()}
         if self.command == "feedback":
             names[COMMAND] = "control"
-        return {source: getattr(self.topics, source) or name for source, name in names.items()}
+        return {source: self.topics[source] or name for source, name in names.items()}
 
 
 def read_config(options: Mapping[str, Any]) -> Ros2ControlConfig:
@@ -68,6 +53,6 @@ def read_config(options: Mapping[str, Any]) -> Ros2ControlConfig:
     return overlaid(default_config(Ros2ControlConfig, "bridge", "ros2_control"), options, "plant ros2_control")
 
 
-def sources(model: RobotModel) -> tuple[str, ...]:
+def sources(model: RobotModel) -> tuple[Source, ...]:
     """Sources of a robot's sensor data: joints, IMU, and the feet where they have sensors."""
     return (JOINTS, IMU, *(FEET if model.profile.sensors.feet.fitted else ()))

@@ -5,13 +5,13 @@ from typing import Any
 import yaml
 
 from bridge.plants.ros2_control.commands import PVT
-from bridge.plants.ros2_control.config import FEET, IMU, Ros2ControlConfig, sources
+from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, Ros2ControlConfig, sources
 from bridge.plants.ros2_control.sensors import FIELDS
 from models.robot_model import SOLE_FRAMES, RobotModel
 
 ESTIMATOR = "joint_state_estimator"  #: Controller that gives linear_feedback_controller its state
 _TYPES = {
-    "joint_states": "joint_state_broadcaster/JointStateBroadcaster",
+    JOINTS: "joint_state_broadcaster/JointStateBroadcaster",
     IMU: "imu_sensor_broadcaster/IMUSensorBroadcaster",
     **dict.fromkeys(FEET, "force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster"),
 }
@@ -31,8 +31,8 @@ _HEADER = """\
 def controllers_file(model: RobotModel, config: Ros2ControlConfig) -> str:
     """YAML of broadcasters and command controller; joints in the order that the plant commands."""
     names, joints = config.controllers, list(model.joint_names)
-    used = {getattr(names, source): _TYPES[source] for source in sources(model)}
-    used[names.command] = _COMMAND_TYPES[config.command]
+    used = {names[source]: _TYPES[source] for source in sources(model)}
+    used[names[COMMAND]] = _COMMAND_TYPES[config.command]
     if config.command == "feedback" and not config.free_flyer:
         used[ESTIMATOR] = "linear_feedback_controller/JointStateEstimator"
     imu = model.profile.frames["imu"]
@@ -42,12 +42,12 @@ def controllers_file(model: RobotModel, config: Ros2ControlConfig) -> str:
             "update_rate": round(config.rate),
             **{name: {"type": kind} for name, kind in used.items()},
         },
-        names.joint_states: {"joints": joints, "interfaces": list(FIELDS), "publish_dynamic_joint_states": False},
-        names.imu: {"sensor_name": "imu", "frame_id": "imu" if moved else imu.link},
+        names[JOINTS]: {"joints": joints, "interfaces": list(FIELDS), "publish_dynamic_joint_states": False},
+        names[IMU]: {"sensor_name": "imu", "frame_id": "imu" if moved else imu.link},
     }
     for source, sole in zip(FEET, SOLE_FRAMES, strict=True):
         if source in sources(model):
-            parameters[getattr(names, source)] = {"sensor_name": source, "frame_id": sole}
+            parameters[names[source]] = {"sensor_name": source, "frame_id": sole}
     parameters |= _command_parameters(model, config)
     nodes = {name: {"ros__parameters": given} for name, given in parameters.items()}
     return _HEADER.format(robot=model.name) + yaml.dump(nodes, Dumper=_Dumper, sort_keys=False)
@@ -62,7 +62,7 @@ class _Dumper(yaml.SafeDumper):
 
 def _command_parameters(model: RobotModel, config: Ros2ControlConfig) -> dict[str, Any]:
     """Parameters of the command controller, and of what it needs."""
-    name, joints = config.controllers.command, list(model.joint_names)
+    name, joints = config.controllers[COMMAND], list(model.joint_names)
     if config.command == "effort":
         return {name: {"joints": joints}}
     if config.command == "pvt":

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from bridge.plants.hardware import GAP_MAX, RealPlant, RobotClock
 from bridge.plants.ros2_control.commands import DRIVER, command_codec
-from bridge.plants.ros2_control.config import FEET, IMU, JOINTS, read_config, sources
+from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, read_config, sources
 from bridge.plants.ros2_control.link import ControlLink, Message, RosLink
 from bridge.plants.ros2_control.sensors import ImuDecoder, JointStateDecoder, WrenchDecoder
 from controllers.estimation.assembler import SampleAssembler
@@ -61,6 +61,7 @@ class Ros2ControlPlant(RealPlant):
         super().__init__(model, "ros2_control", f"{network_interface}-{domain}", marker, 1.0 / config.rate)
         self._clock = RobotClock(self._period, GAP_MAX, NANOSECOND, 1 << 63)
         self._sources = sources(model)
+        self._needed = [config.controllers[source] for source in (*self._sources, COMMAND)]  # controllers
         self._joints, self._imu = JointStateDecoder(model), ImuDecoder(model)
         self._feet = [WrenchDecoder(model, foot) for foot in range(len(FEET))]
         age, gap = (round(limit * NANOSECONDS) for limit in (config.part_age_max, GAP_MAX))
@@ -147,8 +148,7 @@ class Ros2ControlPlant(RealPlant):
         states = self._link.controllers()
         if states is None:
             return []
-        names = [getattr(self.config.controllers, source) for source in (*self._sources, "command")]
-        return [_advice(name, states.get(name)) for name in names if states.get(name) != ACTIVE]
+        return [_advice(name, states.get(name)) for name in self._needed if states.get(name) != ACTIVE]
 
     def _encode_command(self, command: JointCommand) -> bytes:
         """Message of a command; torques of an old state have no gains.
@@ -162,6 +162,9 @@ class Ros2ControlPlant(RealPlant):
 
     def _decode_command(self, data: bytes) -> JointCommand:
         return self._codec.decode(data)
+
+    def executed(self, command: JointCommand) -> JointCommand:
+        return self._codec.executed(command)
 
     def _finish(self) -> None:
         if self._codec.evaluated:
@@ -197,8 +200,9 @@ class Ros2ControlPlant(RealPlant):
             return []
         other = [name for name in order if name not in mine] or [name for name in mine if name not in order]
         what = f"'{other[0]}' is only on one side" if other else "their order differs"
+        name = self.config.controllers[COMMAND]
         return [
-            f"controller '{self.config.controllers.command}' has other joints than robot '{self._model.name}': {what}; "
+            f"controller '{name}' has other joints than robot '{self._model.name}': {what}; "
             f"configure it with the file that 'poise controllers' writes"
         ]
 
@@ -210,7 +214,7 @@ class Ros2ControlPlant(RealPlant):
         if not self.config.controller_manager:
             return ""
         states = self._link.controllers()
-        return "" if states is not None and states.get(self.config.controllers.command) == ACTIVE else None
+        return "" if states is not None and states.get(self.config.controllers[COMMAND]) == ACTIVE else None
 
     def release_vendor(self) -> None:
         """No effect: the operator activates the command controller."""

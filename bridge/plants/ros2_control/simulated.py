@@ -17,7 +17,7 @@ from std_msgs.msg import Float64MultiArray
 
 from bridge.plants.gantry import STEP, HangingRobot, StepLink
 from bridge.plants.ros2_control.commands import PVT
-from bridge.plants.ros2_control.config import FEET, IMU, JOINTS, Ros2ControlConfig, read_config, sources
+from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, Ros2ControlConfig, read_config, sources
 from bridge.plants.ros2_control.link import Message
 from models.nodes.cdr import NANOSECONDS, Template
 from models.nodes.interfaces import interface
@@ -44,7 +44,7 @@ class ControlledRobot(HangingRobot):
         super().__init__(robot, rate=self.config.rate, **options)
         self.sources = sources(RobotModel.load(laws or robot))
         self.broken = frozenset[str]()  #: Sources that are not published
-        names = [getattr(self.config.controllers, source) for source in (*self.sources, "command")]
+        names = [self.config.controllers[source] for source in (*self.sources, COMMAND)]
         self.controllers = dict.fromkeys(names, "active")  #: State by name
         self.moving_joints: Sequence[str] = self.model.joint_names  #: Of linear_feedback_controller, in its order
         self._controller = make_controller(self.config, self.model)
@@ -81,13 +81,13 @@ class ControlledRobot(HangingRobot):
 
     def receive(self, data: bytes) -> None:
         """A command; a wrong size deactivates the controller."""
-        if self.controllers[self.config.controllers.command] != "active":
+        if self.controllers[self.config.controllers[COMMAND]] != "active":
             return
         if self._controller.accept(data):
             self.received += 1
             return
         self.refused += 1
-        self.controllers[self.config.controllers.command] = "inactive"
+        self.controllers[self.config.controllers[COMMAND]] = "inactive"
         self._controller.reset()
 
     def drive(self) -> JointCommand:

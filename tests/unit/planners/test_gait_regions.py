@@ -8,11 +8,11 @@ import pytest
 from planners.gait.adjustment import PlannedStep, StepPlanner, Walk
 from planners.gait.commands import CommandState
 from planners.gait.config import QUINTIC_PEAK
+from planners.gait.foot_motion import FootLimits
 from planners.gait.footsteps import Foothold, side_of
 from planners.gait.pace import pace_at
 from planners.gait.regions import (
     URGENT_REGIONS,
-    FootLimits,
     Passage,
     Region,
     corner_between,

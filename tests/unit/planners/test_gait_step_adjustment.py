@@ -10,7 +10,8 @@ from scipy.optimize import minimize
 from models.config import default_config
 from planners.gait.adjustment import AdjustedStep, StepAdjustment, StepProblem
 from planners.gait.config import GaitConfig
-from planners.gait.regions import FootLimits, arrival, reachable_distance, time_to_pass, time_to_rest
+from planners.gait.foot_motion import FootLimits, reachable_distance, time_to_pass, time_to_rest
+from planners.gait.regions import arrival
 
 CONFIG = default_config(GaitConfig, "planners", "gait").adjustment
 OMEGA, ELAPSED = 3.85, 0.1
