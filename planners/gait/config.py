@@ -192,6 +192,15 @@ class FootingConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class AnkleConfig:
+    """An ankle of the stance leg that comes to a limit in an urgent step: its sole turns over an edge."""
+
+    stop_time: NonNegative  #: The sole is planned to turn this long before the joint is at its limit [s]
+    stop_margin: NonNegative  #: Of the limit, as the joint margin of the whole-body QP [rad]
+    rim: Positive  #: Largest distance of the CoP from that edge [m]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class LiftConfig:
     """A robot that is lifted off the floor."""
 
@@ -239,6 +248,7 @@ class GaitConfig:
     route: RouteConfig
     ground: GroundConfig
     footing: FootingConfig
+    ankle: AnkleConfig
     lift: LiftConfig
 
     @property

@@ -13,6 +13,7 @@ from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState, Vector
 from planners.gait.adjustment import PlannedStep, StepPlanner, Walk
+from planners.gait.ankle import AnkleStops
 from planners.gait.commands import Commands, CommandState
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.contact import AirborneDetector, Soles
@@ -52,7 +53,7 @@ class GaitPlanner:
         self._soles = Soles(model, config)
         self._swing = SwingFoot(config.swing)
         lever = leg_lever(model)
-        self._footing = Footing(model, config.footing)
+        self._footing, self._stops = Footing(model, config.footing), AnkleStops(model, config.ankle)
         leg = SwingLeg(self._swing.shape, lever, self._footing.edges)
         self._leg = unbox(leg)
         self._plan = StepPlanner(config, self._soles, leg)
@@ -195,6 +196,10 @@ class GaitPlanner:
         gait.footing = self._footing.update(
             gait.footing, measured, swinging, gait.soles.slope, dt, urgent=gait.step.urgent, toe_off=gait.toe_off
         )
+        if swinging is not None and gait.step.urgent:
+            stance = 1 - swinging
+            areas = self._stops.on_edge(stance, state, measured.cops[stance], gait.footing.areas)
+            gait.footing = structs.replace(gait.footing, areas=areas)
         loads, gait.body = self._loads(), self._builder.advance_body(gait, dt)
         if gait.phase is GaitPhase.STAND and rest is not None and rest.standing is not None:
             return structs.replace(rest.standing, sole_areas=gait.footing.areas)

@@ -80,6 +80,28 @@ def test_a_push_beyond_the_ankles_is_caught_by_steps(direction: tuple[float, flo
     assert np.abs(loop.truth.v[6:]).mean() < 0.05
 
 
+@pytest.mark.parametrize(("degrees", "seed"), [(70.0, 31), (290.0, 32)])
+def test_a_wide_step_keeps_the_base_upright(degrees: float, seed: int) -> None:
+    """The ankle of the stance foot comes to its limit half-way: the sole turns over its edge instead of the base.
+
+    With the feet 0.7 m apart the CoM has sunk by 5 cm in 0.2 s, or the rear leg is too short to step.
+    """
+    loop = ClosedLoop("g1", seed=seed, record=False)
+    loop.run(1.0)
+    force = 1.2 * loop.robot.mass / 0.1  # [N] 1.2 m/s in 0.1 s
+    angle = math.radians(degrees)
+    loop.apply_push((force * math.cos(angle), force * math.sin(angle), 0.0), 0.1)
+    end, tilt = loop.t + 4.0, 0.0
+    landed = loop.t + 0.35
+    while loop.t < end:
+        loop.run(0.01)
+        assert not loop.fallen, loop.fall_reason
+        if loop.t < landed:
+            tilt = max(tilt, 2.0 * math.asin(math.hypot(*loop.truth.q[3:5])))  # of the base [rad]
+    assert tilt < 0.2
+    assert not loop.gait.walking
+
+
 def test_a_walk_repeats_bit_for_bit() -> None:
     def run() -> np.ndarray:
         loop.command("forward")
