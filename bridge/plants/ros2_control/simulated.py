@@ -40,14 +40,14 @@ class ControlledRobot(HangingRobot):
     def __init__(
         self, robot: str = "g1", *, laws: str = "", settings: Mapping[str, Any] | None = None, **options: Any
     ) -> None:
-        self.config: Ros2ControlConfig = read_config(settings or {})
-        super().__init__(robot, rate=self.config.rate, **options)
+        self.settings: Ros2ControlConfig = read_config(settings or {})
+        super().__init__(robot, rate=self.settings.rate, **options)
         self.sources = sources(RobotModel.load(laws or robot))
         self.broken = frozenset[str]()  #: Sources that are not published
-        names = [self.config.controllers[source] for source in (*self.sources, COMMAND)]
+        names = [self.settings.controllers[source] for source in (*self.sources, COMMAND)]
         self.controllers = dict.fromkeys(names, "active")  #: State by name
         self.moving_joints: Sequence[str] = self.model.joint_names  #: Of linear_feedback_controller, in its order
-        self._controller = make_controller(self.config, self.model)
+        self._controller = make_controller(self.settings, self.model)
         self._order = np.argsort(self.model.joint_names)
         joints = JointState(name=[self.model.joint_names[i] for i in self._order])
         joints.header.frame_id = "base_link"
@@ -81,13 +81,13 @@ class ControlledRobot(HangingRobot):
 
     def receive(self, data: bytes) -> None:
         """A command; a wrong size deactivates the controller."""
-        if self.controllers[self.config.controllers[COMMAND]] != "active":
+        if self.controllers[self.settings.controllers[COMMAND]] != "active":
             return
         if self._controller.accept(data):
             self.received += 1
             return
         self.refused += 1
-        self.controllers[self.config.controllers[COMMAND]] = "inactive"
+        self.controllers[self.settings.controllers[COMMAND]] = "inactive"
         self._controller.reset()
 
     def drive(self) -> JointCommand:
