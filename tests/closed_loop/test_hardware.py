@@ -189,7 +189,7 @@ def test_a_lowered_robot_sinks_slowly(tmp_path: Path, seed: int) -> None:
     ending = default_config(EndConfig, "bridge", "ending")
     loop.command(ending.motion)
     down = speeds(loop, 5.0)
-    assert loop.stack.mode is Mode.STAND and not loop.failure and loop.side.base[2] < 0.42
+    assert (loop.stack.mode, loop.startup.state) == (Mode.STAND, StartState.STAND) and loop.side.base[2] < 0.42
     assert max(down) < 0.4
     loop.startup.relax()
     sinking = speeds(loop, ending.sink_time)

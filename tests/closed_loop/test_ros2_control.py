@@ -111,7 +111,7 @@ FAULTS: dict[str, tuple[Callable[[Ros2ControlLoop], object], str]] = {
     "broadcaster inactive": (lambda loop: deactivate(loop, IMU), "controller 'imu_sensor_broadcaster' is inactive"),
     "commands of another program": (
         lambda loop: loop.link.state_receivers.append(lambda message: loop.link.publish(foreign(loop))),
-        "command of another program: 10",
+        "command of another program: ",
     ),
     "a command of a wrong size": (lambda loop: loop.link.send(b"\0\1" + bytes(30)), "'whole_body_controller' is"),
     "no commands of the controller": (
@@ -135,7 +135,7 @@ def test_a_fault_damps_and_is_named(standing: Ros2ControlLoop, name: str) -> Non
 def test_one_command_of_another_program_holds_and_is_refused_at_the_start(tmp_path: Path) -> None:
     loop = loop_of(tmp_path)
     loop.link.publish(foreign(loop))
-    loop.run(1.2)
+    loop.run(0.5)
     assert loop.startup.state is StartState.LISTEN and "command of another program" in loop.startup.waits_for
     loop.start()
     loop.unhook()

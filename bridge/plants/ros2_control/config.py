@@ -66,7 +66,7 @@ class Ros2ControlConfig:
 
     def full_name(self, name: str) -> str:
         """A name in the namespace of the controller manager."""
-        return name if name.startswith("/") else "/".join(filter(None, ["", self.namespace.strip("/"), name]))
+        return name if name.startswith("/") else "/" + "/".join(filter(None, [self.namespace.strip("/"), name]))
 
 
 def read_config(options: Mapping[str, Any]) -> Ros2ControlConfig:
