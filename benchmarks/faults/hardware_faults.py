@@ -32,8 +32,8 @@ from models.types import JointCommand, Mode, Vector
 class Row(AnyRow):
     """One fault; ``act`` is one of ``benchmarks/faults/hardware_acts.py``.
 
-    ``plant`` is what the robot is behind, ``expect`` the required reaction; ``start`` puts the fault before the start of
-    the robot, which must be refused.
+    ``plant`` is what the robot is behind, ``expect`` the required reaction. With ``start`` the fault is there before
+    the start of the robot, which must be refused.
     """
 
     plant: Literal["unitree", "ros2_control"] = "unitree"
