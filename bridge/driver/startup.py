@@ -215,6 +215,7 @@ class Startup:
     def relax(self) -> str:
         """Let the standing robot sink slowly, from a low posture: it loses its balance on the way."""
         self._require("relax", StartState.STAND)
+        self._last = deepcopy(self._last)  # the drivers overwrite their command in every tick
         self._enter(StartState.RELAX)
         return "the robot sinks, then it is damped"
 
@@ -271,7 +272,7 @@ class Startup:
             self._standing += load * standing_torques(self.model, sensors.q, self._data)
         if state is StartState.STAND:
             given = self._faded(driver) if self.fading else driver
-            self._last = deepcopy(given)
+            self._last = given
         elif state is StartState.RELAX:
             given = mean_command(
                 self.model, self._last, self._damping, min(self._elapsed / self.config.relax_time, 1.0)

@@ -12,7 +12,7 @@ from pydantic.dataclasses import dataclass
 
 from bridge.plants.base import HardwarePlant
 from controllers.joints.joint_servo import damping_command, fade_to_damping
-from models.config import STRICT, Fraction, Positive, default_config
+from models.config import STRICT, Count, Fraction, Positive, default_config
 from models.files import state_folder
 from models.profile import Thresholds
 from models.robot_model import RobotModel
@@ -31,6 +31,7 @@ class RealRobotConfig:
     count_window: Positive
     command_period: Positive
     close_time: Positive
+    last_commands: Count
     silence_max: Positive
     guard_time: Positive
     guard_priority: Annotated[int, Field(ge=1, le=99)]

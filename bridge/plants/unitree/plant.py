@@ -15,7 +15,6 @@ from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
-LAST_COMMANDS = 5  #: Commands with which ``hand_over`` ends the guard, too: some may be lost
 RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
 
 
@@ -135,7 +134,7 @@ class UnitreePlant(RealPlant):
     def hand_over(self) -> None:
         if self._sampled and not self._closed:
             data = self._encode_command(damping_command(self._model), last=True)
-            for _ in range(LAST_COMMANDS):
+            for _ in range(real_robot().last_commands):
                 self._link.send(data)
         self._marker.remove()
 

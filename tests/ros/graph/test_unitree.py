@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bridge.launch.ending import EndConfig, lower
 from bridge.ros.environment import free_domain
+from models.config import default_config
 from models.errors import MessageError
 from models.nodes.interfaces import interface
 from tests.ros.cable import staged
@@ -139,6 +141,14 @@ def test_faults_of_the_network_and_the_processes(session: Session) -> None:
     graph.wait_for(lambda: damped(session), 20.0, "damping")
     graph.wait_for(lambda: graph.driver_state == "damped", 20.0, "damped")
     assert session.start is not None and "no command of the controller" in session.start.waits_for
+
+
+@slow
+def test_the_end_lowers_the_robot_if_asked(session: Session) -> None:
+    height = session.robot("report")["base"][2]
+    lower(session.graph, default_config(EndConfig, "bridge", "ending"))
+    assert session.start is not None and "the robot was lowered" in session.start.waits_for
+    assert session.robot("report")["base"][2] < 0.3 * height and damped(session)
 
 
 @slow
