@@ -15,7 +15,7 @@ import pytest
 
 from bridge.launch.ending import EndConfig, lower
 from bridge.ros.environment import free_domain
-from models.config import default_config
+from models.config import default_config, overlaid
 from models.errors import MessageError
 from models.nodes.interfaces import interface
 from tests.ros.cable import staged
@@ -144,11 +144,16 @@ def test_faults_of_the_network_and_the_processes(session: Session) -> None:
 
 
 @slow
-def test_the_end_lowers_the_robot_if_asked(session: Session) -> None:
-    height = session.robot("report")["base"][2]
-    lower(session.graph, default_config(EndConfig, "bridge", "ending"))
-    assert session.start is not None and "the robot was lowered" in session.start.waits_for
-    assert session.robot("report")["base"][2] < 0.3 * height and damped(session)
+def test_the_end_lowers_the_robot_if_asked(tmp_path: Path) -> None:
+    needs_types()
+    ending = overlaid(default_config(EndConfig, "bridge", "ending"), {"sink_time": 6.0}, "ending")
+    domains = {"graph_domain": free_domain(), "robot_domain": free_domain()}
+    with Session("ros", tmp_path, speed=0.5, **domains) as session:
+        session.stand()
+        height = session.robot("report")["base"][2]
+        lower(session.graph, ending)
+        assert session.start is not None and "the robot was lowered" in session.start.waits_for
+        assert session.robot("report")["base"][2] < 0.3 * height and damped(session)
 
 
 @slow
