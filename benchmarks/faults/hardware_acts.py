@@ -6,8 +6,6 @@ from typing import Any, TypeAlias
 from unittest.mock import patch
 
 import numpy as np
-from rclpy.serialization import serialize_message
-from std_msgs.msg import Float64MultiArray
 
 from bridge.hardware_loop import HardwareLoop, PlantLoop, Process, Ros2ControlLoop
 from bridge.plants.ros2_control.commands import command_codec
@@ -21,6 +19,7 @@ Act: TypeAlias = Callable[[Any, float], AbstractContextManager[None]]
 B_BUTTON = 9  #: Bit of button B of the remote controller
 KNEE = 3  #: Motor of the left knee
 WRIST = 20  #: Motor of a left wrist joint, which bears no weight
+EMPTY_COMMAND = b"\0\1" + bytes(30)  #: std_msgs/Float64MultiArray without numbers, serialised
 BOOT_TIME = 0.5  #: Without states while the robot's side restarts [s]
 
 
@@ -169,7 +168,7 @@ def _inactive(source: Source) -> Act:
 @contextmanager
 def _wrong_size(loop: Ros2ControlLoop, value: float) -> Iterator[None]:
     """A command of another size, for which the controller manager deactivates the controller."""
-    loop.link.publish(serialize_message(Float64MultiArray(data=[0.0])))
+    loop.link.publish(EMPTY_COMMAND)
     yield
 
 
