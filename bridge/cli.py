@@ -138,6 +138,10 @@ def up(
     robot_rate: Annotated[
         int | None, typer.Option(help=r"Rate of a real robot \[Hz]; 500 or 1000 with --plant unitree.")
     ] = None,
+    at_end: Annotated[
+        Literal["damp", "lower"] | None,
+        typer.Option(help="What Ctrl-C does with a real robot: damp, or lower it first; a second one damps."),
+    ] = None,
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
@@ -166,10 +170,12 @@ def up(
 
     if plant in PLANTS:
         with report_errors():
-            robot, hardware = hardware_options(plant, robot, network_interface, robot_domain, robot_rate, plant_options)
+            robot, hardware = hardware_options(
+                plant, robot, network_interface, robot_domain, robot_rate, plant_options, at_end
+            )
         plant_options = hardware.pop("plant_options")
-    elif network_interface:
-        raise typer.BadParameter(f"--network-interface goes with --plant {' or '.join(PLANTS)}")
+    elif network_interface or at_end:
+        raise typer.BadParameter(f"--network-interface and --at-end go with --plant {' or '.join(PLANTS)}")
     if calibration is None and not sensor_errors:
         calibration = calibration_directory() / plant.replace(":", ".")  # a simulated robot has its own
     given = {"sensor_errors": sensor_errors, "faults.plan": faults, "plant_options": plant_options}
@@ -192,7 +198,7 @@ def up(
     }
     if hardware:
         options["parameters"].update({name: {**own.get(name, {}), **more} for name, more in hardware["rates"].items()})
-        options["robot_network"] = hardware["robot_network"]
+        options |= {name: hardware[name] for name in ("robot_network", "ending")}
     raise typer.Exit(
         up_world(several, **options) if several else launch(robot, namespace=namespace, camera=camera, **options)
     )

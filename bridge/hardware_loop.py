@@ -31,8 +31,6 @@ from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData
 
-LOWERING = 0.05  #: Speed at which the gantry lowers the robot [m/s]
-
 
 class Process(Enum):
     """Processes of the graph of a real robot that take part in its control."""
@@ -101,8 +99,8 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
 
     @property
     def upright(self) -> bool:
-        """Whether the base is above 0.6 m."""
-        return bool(np.isfinite(self.side.base).all() and self.side.base[2] > 0.6)
+        """Whether the base is above ``upright_height``."""
+        return bool(np.isfinite(self.side.base).all() and self.side.base[2] > self.side.config.upright_height)
 
     @property
     def failure(self) -> str:
@@ -174,12 +172,12 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self.until(lambda: self.startup.state is state, limit)
 
     def start(self) -> None:
-        """From hanging under the vendor's controller to standing; the rope stays tied, and slack."""
+        """From hanging under the robot's own controller to standing; the rope stays tied, and slack."""
         self.reach(StartState.GANTRY)
         self.startup.confirm_gantry()
         self.reach(StartState.HANGING)
         self.startup.lower()
-        self.side.rope_speed = LOWERING
+        self.side.rope_speed = self.side.config.lowering_speed
         self.reach(StartState.STAND)
         self.run(1.0)
 
@@ -191,7 +189,7 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
     def _control(self, sensors: SensorData, dt: float) -> None:
         if not self._estimating:
             self._first.append(sensors)
-            if len(self._first) < 100:
+            if len(self._first) < self.side.config.listen_samples:
                 return
             self.stack.reset(mean_sample(self._first))
             self._first.clear()

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive, merged, parse_config, read_yaml
+from models.config import STRICT, NonNegative, Positive, Share, merged, parse_config, read_yaml
 from models.errors import ConfigError
 from models.types import Vector3
 from models.urdf import resolve_uri
@@ -239,6 +239,7 @@ class Hardware:
     voltage: Thresholds  #: supply of the lowest drive; 0 counts as not measured [V]
     lost_packets: Thresholds  #: share of states that did not arrive within a second [-]
     torque_saturation: Thresholds  #: share of a second in which a joint is at its torque limit [-]
+    saturation: Share  #: part of a joint's torque limit from which on it is at the limit [-]
     foreign_commands: Thresholds  #: LowCmds of other programs within a second; without ``persistence`` [Hz]
     motor_error: Literal["warn", "hold", "damp"]  #: what an error word of a drive leads to
     stop_buttons: Annotated[tuple[str, ...], Field(min_length=1)]  #: each of which, on the remote controller, damps

@@ -7,22 +7,27 @@ from unittest.mock import patch
 
 import numpy as np
 
-from bridge.hardware_loop import HardwareLoop, Process
+from bridge.hardware_loop import HardwareLoop, PlantLoop, Process, Ros2ControlLoop
+from bridge.plants.ros2_control.commands import command_codec
+from bridge.plants.ros2_control.config import COMMAND, IMU, JOINTS, Source
 from bridge.plants.unitree.wire import new_low_cmd, read_low_state, write_low_cmd, write_low_state
+from models.types import JointCommand
 
-Act: TypeAlias = Callable[[HardwareLoop, float], AbstractContextManager[None]]
+AnyLoop: TypeAlias = PlantLoop[Any, Any, Any, Any]
+Act: TypeAlias = Callable[[Any, float], AbstractContextManager[None]]
 
 B_BUTTON = 9  #: Bit of button B of the remote controller
 KNEE = 3  #: Motor of the left knee
 WRIST = 20  #: Motor of a left wrist joint, which bears no weight
+EMPTY_COMMAND = b"\0\1" + bytes(30)  #: std_msgs/Float64MultiArray without numbers, serialised
 BOOT_TIME = 0.5  #: Without states while the robot's side restarts [s]
 
 
-def _replaced(part: str, name: str, make: Callable[[HardwareLoop, float], Any]) -> Act:
+def _replaced(part: str, name: str, make: Callable[[AnyLoop, float], Any]) -> Act:
     """An attribute of a part of the loop has the value that is made of the row's."""
 
     @contextmanager
-    def act(loop: HardwareLoop, value: float) -> Iterator[None]:
+    def act(loop: AnyLoop, value: float) -> Iterator[None]:
         with patch.object(getattr(loop, part), name, make(loop, value)):
             yield
 
@@ -32,14 +37,14 @@ def _replaced(part: str, name: str, make: Callable[[HardwareLoop, float], Any]) 
 def _set(name: str) -> Act:
     """An attribute of the robot has the value of the row, all elements of an array."""
 
-    def changed(loop: HardwareLoop, value: float) -> Any:
+    def changed(loop: AnyLoop, value: float) -> Any:
         before = getattr(loop.side, name)
         return np.full_like(before, value) if isinstance(before, np.ndarray) else int(value)
 
     return _replaced("side", name, changed)
 
 
-def _states(make: Callable[[HardwareLoop, float], Callable[[bytes], bytes | None]]) -> Act:
+def _states(make: Callable[[AnyLoop, float], Callable[[Any], Any]]) -> Act:
     """The states change on the cable."""
     return _replaced("link", "states_pass", make)
 
@@ -48,12 +53,12 @@ def _damaged(data: bytes) -> bytes:
     return data[:-1] + bytes([data[-1] ^ 0xFF])
 
 
-def _lost(loop: HardwareLoop, probability: float) -> Callable[[bytes], bytes | None]:
+def _lost(loop: AnyLoop, probability: float) -> Callable[[bytes], bytes | None]:
     rng = np.random.default_rng(0)
     return lambda data: None if rng.uniform() < probability else data
 
 
-def _repeated(loop: HardwareLoop, value: float) -> Callable[[bytes], bytes]:
+def _repeated(loop: AnyLoop, value: float) -> Callable[[bytes], bytes]:
     first: list[bytes] = []
 
     def passed(data: bytes) -> bytes:
@@ -66,7 +71,7 @@ def _repeated(loop: HardwareLoop, value: float) -> Callable[[bytes], bytes]:
 def _measured(name: str, motor: int, value_of: Callable[[float], float]) -> Act:
     """The robot reports a wrong value of one motor."""
 
-    def make(loop: HardwareLoop, value: float) -> Callable[[bytes], bytes]:
+    def make(loop: AnyLoop, value: float) -> Callable[[bytes], bytes]:
         def passed(data: bytes) -> bytes:
             record = read_low_state(data)
             record["motor_state"][motor][name] = value_of(value)
@@ -100,7 +105,14 @@ def _commander(loop: HardwareLoop, rate: float) -> Iterator[None]:
     record["mode_machine"] = loop.side.mode_machine
     motors = record["motor_cmd"][: loop.robot.nj]
     motors["mode"], motors["kp"], motors["kd"] = 1, 0.5 * loop.robot.kp, loop.robot.kd
-    data, ticks, step = write_low_cmd(record), round(1000.0 / rate), loop.link.step
+    with _published(loop, write_low_cmd(record), rate):
+        yield
+
+
+@contextmanager
+def _published(loop: AnyLoop, data: bytes, rate: float) -> Iterator[None]:
+    """Another program publishes a command at a rate [Hz]."""
+    ticks, step = round(1000.0 / rate), loop.link.step
 
     def stepped() -> None:
         if loop.side.tick % ticks == 0:
@@ -109,6 +121,55 @@ def _commander(loop: HardwareLoop, rate: float) -> Iterator[None]:
 
     with patch.object(loop.link, "step", stepped):
         yield
+
+
+def _command(loop: Ros2ControlLoop) -> bytes:
+    """Command of another driver of the same kind: half of the gains at the zero posture, as they act now."""
+    zero, q = np.zeros(loop.robot.nj), loop.plant.read().q
+    codec = command_codec(loop.robot, loop.plant.config, "poise_driver_0")
+    return codec.encode(0, JointCommand(zero, zero, zero, 0.5 * loop.robot.kp, loop.robot.kd), q, zero)
+
+
+@contextmanager
+def _other_driver(loop: Ros2ControlLoop, rate: float) -> Iterator[None]:
+    """Another driver commands the robot at a rate [Hz]."""
+    with _published(loop, _command(loop), rate):
+        yield
+
+
+@contextmanager
+def _other_driver_once(loop: Ros2ControlLoop, value: float) -> Iterator[None]:
+    loop.link.publish(_command(loop))
+    yield
+
+
+def _silent(loop: AnyLoop, source: str) -> Callable[[Any], Any]:
+    return lambda message: None if message[0] == source else message
+
+
+@contextmanager
+def _jump(loop: Ros2ControlLoop, value: float) -> Iterator[None]:
+    """The robot's stamps jump by a time [s]."""
+    loop.side.stamp_offset = round(1e9 * value)
+    yield
+
+
+def _inactive(source: Source) -> Act:
+    """The controller manager deactivates a controller; that of torques then has none."""
+
+    @contextmanager
+    def act(loop: Ros2ControlLoop, value: float) -> Iterator[None]:
+        loop.side.deactivate(source)
+        yield
+
+    return act
+
+
+@contextmanager
+def _wrong_size(loop: Ros2ControlLoop, value: float) -> Iterator[None]:
+    """A command of another size, for which the controller manager deactivates the controller."""
+    loop.link.publish(EMPTY_COMMAND)
+    yield
 
 
 @contextmanager
@@ -145,7 +206,7 @@ def _killed(process: Process) -> Act:
     """A process stops."""
 
     @contextmanager
-    def act(loop: HardwareLoop, value: float) -> Iterator[None]:
+    def act(loop: AnyLoop, value: float) -> Iterator[None]:
         loop.running.discard(process)
         yield
         loop.running.add(process)
@@ -174,6 +235,13 @@ ACTS: Mapping[str, Act] = {
     "no_answer": _replaced("link", "vendor", lambda loop, value: lambda: None),
     "other_version": _replaced("side", "switcher_version", lambda loop, value: "2.0.0.0"),
     "battery": _battery,
+    "source_silent": _states(lambda loop, value: _silent(loop, (JOINTS, IMU)[int(value)])),
+    "stamps": _jump,
+    "controller_inactive": _inactive(COMMAND),
+    "broadcaster_inactive": _inactive(IMU),
+    "wrong_size": _wrong_size,
+    "other_driver": _other_driver,
+    "other_driver_once": _other_driver_once,
     "driver_killed": _killed(Process.DRIVER),
     "control_killed": _killed(Process.CONTROL),
     "guard_killed": _killed(Process.GUARD),

@@ -1,6 +1,6 @@
 """Faults at the boundary of a real robot in lockstep: protocol, robot, network and processes, and the reaction to each.
 
-States and commands are the bytes of Unitree's protocol, the robot is a simulated one behind them (``HardwareLoop``).
+States and commands are the bytes of Unitree's protocol or of ros2_control, the robot is a simulated one behind them.
 """
 
 from contextlib import AbstractContextManager, ExitStack
@@ -16,9 +16,10 @@ from pydantic.dataclasses import dataclass as schema
 from benchmarks.core.benchmark import settings
 from benchmarks.core.fault_rows import AnyRow, FaultBenchmark
 from benchmarks.core.harness import Case, Options, chosen
-from benchmarks.faults.hardware_acts import ACTS
+from benchmarks.faults.hardware_acts import ACTS, AnyLoop
 from bridge.driver.startup import StartState
-from bridge.hardware_loop import HardwareLoop
+from bridge.hardware_loop import HardwareLoop, Ros2ControlLoop
+from bridge.plants.ros2_control.commands import DRIVER, GUARD
 from bridge.plants.unitree.codec import GUARD_MARK, MARK
 from bridge.plants.unitree.wire import read_low_cmd
 from controllers.joints.joint_servo import drive_torque
@@ -31,13 +32,16 @@ from models.types import JointCommand, Mode, Vector
 class Row(AnyRow):
     """One fault; ``act`` is one of ``benchmarks/faults/hardware_acts.py``.
 
-    ``expect`` is the required reaction, ``start`` puts the fault before the start of the robot, which must be refused.
+    ``plant`` is what the robot is behind, ``expect`` the required reaction. With ``start`` the fault is there before
+    the start of the robot, which must be refused.
     """
 
+    plant: Literal["unitree", "ros2_control"] = "unitree"
     expect: Literal["goes on", "holds", "damps", "refuses"]
     start: bool = False
     value: float = 0.0  #: Of the act, in its unit
     time: Positive | None = None  #: After which the fault ends [s]; it lasts when None
+    torque_step_limit: Positive | None = None  #: Of this row; that of all rows when None [-]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -62,14 +66,16 @@ class CommandSteps:
 
     Both are evaluated at the true state of the robot when the later one takes effect, within the limits of the drives.
     ``largest`` is relative to the drive's rate limit over one period, whatever the time between the two; ``torque`` is
-    that step [N.m]. A switch to or from the command of another program does not count.
+    that step [N.m]. A switch to or from the command of another program does not count, nor do commands of torques alone
+    to a robot that is down: they damp the velocities of its impact.
     """
 
-    def __init__(self, loop: HardwareLoop) -> None:
+    def __init__(self, loop: AnyLoop) -> None:
         self.largest = self.torque = 0.0
-        self._side, self._model = loop.side, loop.side.model
+        self._loop, self._side, self._model = loop, loop.side, loop.side.model
         self._limit = loop.side.model.tau_rate_max * loop.plant.period
-        self._own = loop.side.command is not None
+        self._own = loop.side.received > 0
+        self._torques = isinstance(loop, Ros2ControlLoop)
         self._receive = loop.side.receive
 
     def watch(self) -> AbstractContextManager[Any]:
@@ -77,22 +83,27 @@ class CommandSteps:
         return patch.object(self._side, "receive", self._on_command)
 
     def _on_command(self, data: bytes) -> None:
-        before, accepted = self._side.command, self._side.received
+        before, accepted = self._side.drive(), self._side.received
         self._receive(data)
         if self._side.received == accepted:
             return
-        own = int(read_low_cmd(data)["reserve"][0]) in (MARK, GUARD_MARK)
-        if own and self._own and not self._side.vendor:
-            step = np.abs(self._torque(self._side.command) - self._torque(before))
+        own = self._is_own(data)
+        if own and self._own and (self._loop.upright or not self._torques):
+            step = np.abs(self._torque(self._side.drive()) - self._torque(before))
             shares = step / self._limit
             worst = int(shares.argmax())
             if shares[worst] > self.largest:
                 self.largest, self.torque = float(shares[worst]), float(step[worst])
         self._own = own
 
-    def _torque(self, command: JointCommand | None) -> Vector:
-        if command is None:
-            return np.zeros(self._model.nj)
+    def _is_own(self, data: bytes) -> bool:
+        """Whether a command is of the driver or the guard."""
+        if not self._torques:
+            return int(read_low_cmd(data)["reserve"][0]) in (MARK, GUARD_MARK)
+        mark: str = self._loop.plant.mark(data)
+        return mark == GUARD or (mark.startswith(DRIVER) and mark != f"{DRIVER}_0")
+
+    def _torque(self, command: JointCommand) -> Vector:
         plant = self._side.plant
         q, v = plant.data.qpos[plant.mujoco.joint_qpos], plant.data.qvel[plant.mujoco.joint_qvel]
         return np.clip(drive_torque(self._model, command, q, v), -self._model.tau_max, self._model.tau_max)
@@ -101,7 +112,7 @@ class CommandSteps:
 class Trial:
     """One row on a robot that stands, off the rope, or that has not been started."""
 
-    def __init__(self, loop: HardwareLoop, row: Row) -> None:
+    def __init__(self, loop: AnyLoop, row: Row) -> None:
         self._loop, self._row = loop, row
         self._reacted: float | None = None  # after the injection [s]
         self._why = ""  # reason of the driver at that instant
@@ -163,7 +174,7 @@ class Trial:
         }
 
 
-def refusal(loop: HardwareLoop, row: Row) -> Case:
+def refusal(loop: AnyLoop, row: Row) -> Case:
     """Start a robot with a fault that is there from the beginning: the start must end by name, without a command."""
     with ACTS[row.act](loop, row.value):
         try:
@@ -181,16 +192,19 @@ def measure(robot: str, seed: int, row: str) -> Case:
     given = config()
     asked = given.rows[row]
     with TemporaryDirectory(prefix="poise_faults_") as folder:
-        loop = HardwareLoop(
-            Path(folder) / "marker", laws=given.laws, rate=given.rate, seed=seed, delay=given.delay, robot=robot
-        )
+        loop: AnyLoop
+        options: dict[str, Any] = {"laws": given.laws, "seed": seed, "delay": given.delay, "robot": robot}
+        if asked.plant == "unitree":
+            loop = HardwareLoop(Path(folder) / "marker", rate=given.rate, **options)
+        else:
+            loop = Ros2ControlLoop(Path(folder) / "marker", **options)
         if asked.start:
             outcome = refusal(loop, asked)
         else:
             loop.start()
             loop.unhook()
             outcome = Trial(loop, asked).run()
-    if not outcome["torque_step"] <= given.torque_step_limit:
+    if not outcome["torque_step"] <= (asked.torque_step_limit or given.torque_step_limit):
         outcome["ok"] = False
     return {"group": asked.group, "expected": asked.expect, "within": asked.within, **outcome}
 

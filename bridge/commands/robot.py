@@ -37,7 +37,8 @@ def mode(
 
 def start(
     step: Annotated[
-        str, typer.Argument(help="confirm_gantry, prepare, lower or damp.", autocompletion=lambda: list(START_STEPS))
+        str,
+        typer.Argument(help="confirm_gantry, prepare, lower, relax or damp.", autocompletion=lambda: list(START_STEPS)),
     ],
     network: Network = False,
     namespace: Namespace = "",
@@ -157,7 +158,7 @@ def send(
     text: Annotated[
         str,
         typer.Argument(
-            help="wave, squat, bow, reach, stand, stop; until stop: forward, backward, left, right, turn, spin.",
+            help="wave, squat, crouch, bow, reach, stand, stop; till stop: forward, backward, left, right, turn, spin.",
             autocompletion=_words,
         ),
     ],

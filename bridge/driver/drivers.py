@@ -90,7 +90,7 @@ class HardwareDrivers(Drivers):
     def __init__(self, plant: HardwarePlant, model: RobotModel) -> None:
         super().__init__(plant, model)
         self.plant: HardwarePlant = plant
-        self.startup = Startup(model, crashed=plant.crashed, executed=plant.executed)
+        self.startup = Startup(model, crashed=plant.crashed, executed=plant.executed, own=plant.own_controller)
         self._load = FootLoad(model)
 
     @property
@@ -99,7 +99,7 @@ class HardwareDrivers(Drivers):
         startup = self.startup
         if startup.supported:
             return topics.HANGING
-        if startup.state is StartState.DAMPED:
+        if startup.state in (StartState.RELAX, StartState.DAMPED):
             return topics.DAMPED
         return topics.HELD if startup.fading else super().state
 
@@ -115,7 +115,7 @@ class HardwareDrivers(Drivers):
                 f"mode '{mode.value}' refused in state '{startup.state}', which waits for {startup.waits_for}"
             )
         super().set_mode(mode)
-        if mode is Mode.DAMP and startup.commands:
+        if mode is Mode.DAMP and startup.commands and startup.state is not StartState.RELAX:
             startup.damp("mode damp was requested")
 
     def act(self) -> None:
@@ -126,7 +126,7 @@ class HardwareDrivers(Drivers):
             stop = stop or f"no new state of the robot for {self.stale:.3f} s"
         vendor = self.plant.vendor
         if startup.commands and vendor:
-            stop = stop or f"the vendor's controller '{vendor}' is active again"
+            stop = stop or f"{self.plant.own_controller} '{vendor}' is active again"
         if startup.state in (StartState.HELD, StartState.LOADED):
             self._load.update(sensors)
         command = servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)

@@ -15,10 +15,10 @@ from models.status import StartStatus
 
 
 class StartServices:
-    """Services ``start/confirm_gantry``, ``start/prepare``, ``start/lower`` and ``start/damp``; topic ``start/status``.
+    """Services ``start/confirm_gantry``, ``start/prepare``, ``start/lower``, ``start/relax`` and ``start/damp``.
 
     A service answers with its effect or the reason of the refusal. ``on_change`` is called when a service may have
-    changed the state of the drivers.
+    changed the state of the drivers. Topic ``start/status`` has the state.
     """
 
     def __init__(self, node: PoiseNode, drivers: HardwareDrivers, on_change: Callable[[], None]) -> None:
@@ -27,7 +27,13 @@ class StartServices:
         self._published: StartStatus | None = None
         self._state = ""
         startup = drivers.startup
-        acts = (startup.confirm_gantry, startup.prepare, startup.lower, lambda: startup.damp("start/damp was called"))
+        acts = (
+            startup.confirm_gantry,
+            startup.prepare,
+            startup.lower,
+            startup.relax,
+            lambda: startup.damp("start/damp was called"),
+        )
         for name, act in zip(topics.START_SERVICES, acts, strict=True):
             self._offer(name, act)
 

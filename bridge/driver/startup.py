@@ -2,6 +2,7 @@
 
     listen -> gantry -> release -> damp -> prepare -> hanging -> held -> loaded -> stand
                                                          any of these from release on -> damped -> damp, or listen
+                                                         stand -> relax -> damped
 
 Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. ``gantry`` waits
 for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``. ``held`` is stiff in the
@@ -13,6 +14,7 @@ operator to hang the robot up; when the vendor's controller becomes active, comm
 """
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -47,6 +49,7 @@ class StartupConfig:
     load_time: NonNegative
     tilt_max: Positive
     fade: Positive
+    relax_time: Positive
 
 
 class StartState(StrEnum):
@@ -61,6 +64,7 @@ class StartState(StrEnum):
     HELD = "held"  # stiff, on the way to the ground
     LOADED = "loaded"  # stiff, on its feet
     STAND = "stand"  # the joint drivers are in command
+    RELAX = "relax"  # their last command fades slowly into damping
     DAMPED = "damped"  # after a stop or a fault
 
 
@@ -90,8 +94,9 @@ class Startup:
     """The state machine. A tick is ``update``, then ``command``.
 
     ``crashed`` is whether the last driver ended without damping the robot: then only damping is possible. ``executed``
-    is what the robot executes of a command, from which a fault fades. The methods of the operator raise
-    ``CommandError`` with the reason of a refusal.
+    is what the robot executes of a command, from which a fault fades. ``own`` is what messages call the robot's own
+    controller; empty for a robot without one. The methods of the operator raise ``CommandError`` with the reason of a
+    refusal.
     """
 
     def __init__(
@@ -101,8 +106,9 @@ class Startup:
         *,
         crashed: bool = False,
         executed: Callable[[JointCommand], JointCommand] = lambda command: command,
+        own: str = "",
     ) -> None:
-        self._executed = executed
+        self._executed, self._own = executed, own
         self.config = config or default_config(StartupConfig, "bridge", "startup")
         self.model = model
         self.state = StartState.LISTEN
@@ -119,7 +125,7 @@ class Startup:
         self._t: float | None = None
         self._from = self._target  # joint positions at the start of the ramp (nj,) [rad]
         self._ramp = self.config.ramp_time
-        self._at_fault = JointCommand.torque(np.zeros(model.nj))
+        self._at_fault = self._last = JointCommand.torque(np.zeros(model.nj))
         self._findings: Sequence[str] = ("no message of the robot yet",)
         if crashed:
             self.state = StartState.DAMPED
@@ -134,7 +140,7 @@ class Startup:
         if state is StartState.LISTEN:
             return "; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s"
         if state is StartState.RELEASE:
-            return "; ".join(self._findings) or "the vendor's controller to end"
+            return "; ".join(self._findings) or self._released
         if state is StartState.DAMP:
             return f"the joints to be slower than {config.rest_speed:g} rad/s for {config.settle_time:g} s"
         if state is StartState.PREPARE:
@@ -146,6 +152,11 @@ class Startup:
         return f"the operator: hang the robot up and call start/prepare (damped: {self.reason})"
 
     @property
+    def _released(self) -> str:
+        """What ends the state ``release``."""
+        return f"{self._own} to end" if self._own else "the command controller to be active"
+
+    @property
     def commands(self) -> bool:
         """Whether this computer commands the drives."""
         return self.state not in (*BEFORE_RELEASE, StartState.RELEASE)
@@ -153,7 +164,7 @@ class Startup:
     @property
     def supported(self) -> bool:
         """Whether the robot hangs, or its vendor's controller holds it."""
-        return self.state not in (StartState.LOADED, StartState.STAND, StartState.DAMPED)
+        return self.state not in (StartState.LOADED, StartState.STAND, StartState.RELAX, StartState.DAMPED)
 
     @property
     def armable(self) -> bool:
@@ -169,7 +180,9 @@ class Startup:
         """The operator confirms that the robot hangs; the vendor's controller is released."""
         self._require("confirm_gantry", StartState.GANTRY)
         self._enter(StartState.RELEASE)
-        return "a vendor's controller is released, after which the robot is limp; then it is damped"
+        return (
+            f"{self._own} is released; then the robot, which is limp, is damped" if self._own else "joints are damped"
+        )
 
     def lower(self) -> str:
         """The operator lowers the robot."""
@@ -191,12 +204,20 @@ class Startup:
         """Damp the robot at once. Before the release the vendor's controller is in command, and this is refused."""
         if self.state in BEFORE_RELEASE:
             raise CommandError(
-                "damp refused: nothing is commanded yet; use the vendor's remote controller, or the robot's stop"
+                "damp refused: nothing is commanded yet; use the robot's stop"
+                + (f", or that of {self._own}" * bool(self._own))
             )
         if self.state is not StartState.DAMPED:
             self.reason = reason
             self._enter(StartState.DAMPED)
         return "joints are damped"
+
+    def relax(self) -> str:
+        """Let the standing robot sink slowly, from a low posture: it loses its balance on the way."""
+        self._require("relax", StartState.STAND)
+        self._last = deepcopy(self._last)  # the drivers overwrite their command in every tick
+        self._enter(StartState.RELAX)
+        return "the robot sinks, then it is damped"
 
     def update(self, inputs: StartInputs) -> StartState:
         """One tick; returns the state."""
@@ -236,6 +257,8 @@ class Startup:
                 self._enter(StartState.STAND)
             elif self._holds(abs(self.load - 1.0) > 2.0 * config.load_tolerance, dt, config.load_time):
                 self._enter(StartState.HELD)
+        elif self.state is StartState.RELAX and self._elapsed >= config.relax_time:
+            self.damp("the robot was lowered")
         return self.state
 
     def command(self, sensors: SensorData, driver: JointCommand) -> JointCommand | None:
@@ -249,6 +272,11 @@ class Startup:
             self._standing += load * standing_torques(self.model, sensors.q, self._data)
         if state is StartState.STAND:
             given = self._faded(driver) if self.fading else driver
+            self._last = given
+        elif state is StartState.RELAX:
+            given = mean_command(
+                self.model, self._last, self._damping, min(self._elapsed / self.config.relax_time, 1.0)
+            )
         elif state in (StartState.DAMP, StartState.DAMPED):
             given = self._damped()
         else:
@@ -285,17 +313,14 @@ class Startup:
         if self._holds(bool(inputs.vendor), dt, self.config.hand_over_time):
             self._crashed = False
             self._enter(StartState.LISTEN)
-            self.reason = f"the vendor's controller '{inputs.vendor}' became active"
+            self.reason = f"{self._own} '{inputs.vendor}' became active"
 
     def _release(self, inputs: StartInputs, dt: float) -> None:
         if self._holds(inputs.vendor == "" and not inputs.findings, dt, self.config.quiet_time):
             self._enter(StartState.DAMP)
         elif self._elapsed > self.config.release_timeout:
-            reason = "; ".join(inputs.findings)
-            if inputs.vendor:
-                reason = f"the vendor's controller did not end: '{inputs.vendor}' is active"
-            elif inputs.vendor is None:
-                reason = "the vendor's controller did not end: its state is unknown"
+            active = "its state is unknown" if inputs.vendor is None else f"'{inputs.vendor}' is active"
+            reason = "; ".join(inputs.findings) if inputs.vendor == "" else f"waited for {self._released}: {active}"
             self._enter(StartState.LISTEN)
             self.reason = reason
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -16,6 +17,7 @@ from rclpy.utilities import try_shutdown
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from bridge.launch.ending import EndConfig, lower
 from bridge.launch.robot_network import RobotNetwork
 from bridge.launch.run import run_until_signal, wait_for
 from bridge.ros.environment import claim_graph, graph_environment, join_graph
@@ -293,14 +295,15 @@ def up(
     camera: bool = False,
     quiet: bool = False,
     robot_network: RobotNetwork | None = None,
+    ending: EndConfig | None = None,
     **options: Any,
 ) -> int:
     """Run the graph until SIGINT or SIGTERM, or for a ``duration`` [s].
 
     Actions and the camera run in separate processes; actions are omitted when their types are missing.
-    ``robot_network`` is that of a real robot, which only the processes of driver and guard join. Other arguments and
-    options are those of ``Graph``. Returns the exit code: 0 after a signal or the end of ``duration``, 1 when the graph
-    cannot be kept running.
+    ``robot_network`` is that of a real robot, which only the processes of driver and guard join, and ``ending`` its
+    end. Other arguments and options are those of ``Graph``. Returns the exit code: 0 after a signal or the end of
+    ``duration``, 1 when the graph cannot be kept running.
     """
 
     def make(say: Callable[[str], object]) -> Graph:
@@ -309,7 +312,8 @@ def up(
             specs = robot_network.processes(specs, robot)
         return Graph(robot, specs=specs, say=say, **options)
 
-    return run_until_signal(make, robot, duration=duration, quiet=quiet)
+    end = None if ending is None or ending.at_end == "damp" else partial(lower, config=ending)
+    return run_until_signal(make, robot, duration=duration, quiet=quiet, end=end)
 
 
 def actions_possible(requested: bool, say: Callable[[str], object]) -> bool:

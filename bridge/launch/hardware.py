@@ -4,9 +4,11 @@ from typing import Any
 
 import yaml
 
+from bridge.launch.ending import EndConfig
 from bridge.launch.robot_network import LOOPBACK_INTERFACE, RobotNetwork
 from bridge.plants.config import read_options
 from bridge.ros.processes import RATED_NODES
+from models.config import default_config, overlaid
 from models.errors import ConfigError
 
 UNITREE, ROS2_CONTROL = "unitree", "ros2_control"
@@ -17,18 +19,31 @@ UNITREE_RATE = 500  #: [Hz]
 
 
 def hardware_options(
-    plant: str, robot: str, interface: str, domain: int, rate: int | None, plant_options: str
+    plant: str,
+    robot: str,
+    interface: str,
+    domain: int,
+    rate: int | None,
+    plant_options: str,
+    at_end: str | None = None,
 ) -> tuple[str, dict[str, Any]]:
-    """Profile, and ``plant_options``, ``rates`` by node and ``robot_network``; ``ConfigError`` says what is missing.
+    """Profile, and ``plant_options``, ``rates`` by node, ``robot_network`` and ``ending``.
 
-    ``plant`` is one of ``PLANTS``, ``rate`` [Hz] that of the plant when None.
+    ``plant`` is one of ``PLANTS``. ``rate`` [Hz] and ``at_end`` may be among the options of the plant instead. Raises
+    ``ConfigError``, which says what is missing, or which two values contradict each other.
     """
     if plant == UNITREE and not interface:
         raise ConfigError("--plant unitree needs --network-interface: that of this computer to the robot, such as eth0")
     interface = interface or LOOPBACK_INTERFACE
     given = read_options(plant_options)
-    if rate is not None or plant == UNITREE:
-        given = {"rate": float(rate or UNITREE_RATE), **given}
+    rate_of_states = _agreed("robot-rate", None if rate is None else float(rate), given, "rate")
+    end = _agreed("at-end", at_end, given, "at_end")
+    ending = overlaid(default_config(EndConfig, "bridge", "ending"), {"at_end": end} if end else {}, "at_end")
+    given.pop("at_end", None)
+    if rate_of_states is None and plant == UNITREE:
+        rate_of_states = float(UNITREE_RATE)
+    if rate_of_states is not None:
+        given["rate"] = rate_of_states
     guard: tuple[str, ...] = ()
     if plant == ROS2_CONTROL:
         from bridge.plants.ros2_control.config import read_config
@@ -42,8 +57,16 @@ def hardware_options(
         "plant_options": _yaml({"network_interface": interface, "domain": domain, **given}),
         "rates": {name: {"sensor_rate": float(rate_of_states)} for name in RATED_NODES},
         "robot_network": network,
+        "ending": ending,
     }
     return PROFILES.get(robot, robot), options
+
+
+def _agreed(argument: str, value: Any, options: dict[str, Any], name: str) -> Any:
+    """An argument of the command line that may be an option of the plant, too; None where it is neither."""
+    if value is not None and options.get(name, value) != value:
+        raise ConfigError(f"--{argument} {value} contradicts '{name}: {options[name]}' of --plant-options: give one")
+    return options.get(name) if value is None else value
 
 
 def _yaml(values: dict[str, Any]) -> str:

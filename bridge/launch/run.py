@@ -51,12 +51,18 @@ def wait_for(
 
 
 def run_until_signal(
-    make: Callable[[Callable[[str], object]], Running], name: str, *, duration: float | None, quiet: bool
+    make: Callable[[Callable[[str], object]], Running],
+    name: str,
+    *,
+    duration: float | None,
+    quiet: bool,
+    end: Callable[[Any], None] | None = None,
 ) -> int:
     """Run a graph until SIGINT or SIGTERM, or for a ``duration`` [s].
 
-    ``make`` makes the graph from a function that prints one line about an event; ``name`` is for the output. Returns
-    the exit code: 0 after a signal or the end of ``duration``, 1 when the graph cannot be kept up.
+    ``make`` makes the graph from a function that prints one line about an event; ``name`` is for the output. ``end`` is
+    called before the processes end, unless by SIGTERM; a second SIGINT interrupts it. Returns the exit code: 0 after a
+    signal or the end of ``duration``, 1 when the graph cannot be kept up.
     """
     console = Console(stderr=True, quiet=quiet)
     begin = time.monotonic()
@@ -64,9 +70,17 @@ def run_until_signal(
     def say(text: str) -> None:
         console.print(f"[dim]{time.monotonic() - begin:8.2f} s[/dim]  {text}", highlight=False, soft_wrap=True)
 
+    patience = 0 if end is None else 1  # signals before the last
+
+    def ignore_signals() -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)  # the shutdown must not be interrupted
+
     def on_signal(number: int, frame: Any) -> None:
-        for other in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(other, signal.SIG_IGN)  # the shutdown must not be interrupted
+        nonlocal patience
+        patience = patience - 1 if number == signal.SIGINT else -1
+        if patience < 0:
+            ignore_signals()
         raise _Interrupted
 
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -90,6 +104,11 @@ def run_until_signal(
                 say(f"{name} is up; Ctrl-C ends it")
                 while duration is None or time.monotonic() - begin < duration:
                     graph.spin(0.2)
+            if end is not None and patience >= 0 and code == 0:
+                with reported():
+                    say("lowering the robot; Ctrl-C damps it at once")
+                    end(graph)
+            ignore_signals()
             graph.stop()
             for module, exit_code in graph.exit_codes.items():
                 if exit_code not in CLEAN_EXITS:

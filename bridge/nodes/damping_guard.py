@@ -1,10 +1,10 @@
-"""Process ``damping_guard``: publishes damping commands when the driver has been silent for 20 ms.
+"""Process ``damping_guard``: publishes damping commands when the driver is silent.
 
     python -m bridge.nodes.damping_guard ROBOT DOMAIN [OPTIONS]
 
 With the options of the plant ``ros2_control`` the robot is behind ros2_control, otherwise it is one of Unitree. The
 process is no node of the graph but a participant in the robot's domain. It outlives the driver and its launcher: asked
-to end, or without its launcher, it damps a robot that was commanded for ``AFTERWARDS``.
+to end, or without its launcher, it damps a robot that was commanded for ``guard_time``.
 """
 
 import os
@@ -14,6 +14,7 @@ import time
 from typing import Any
 
 from bridge.plants.config import read_options
+from bridge.plants.hardware import real_robot
 from bridge.plants.ros2_control.commands import GUARD, command_codec
 from bridge.plants.ros2_control.config import COMMAND, JOINTS, read_config
 from bridge.plants.ros2_control.guard import ControlGuard
@@ -22,10 +23,6 @@ from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.link import CommandLink
 from models.nodes import realtime
 from models.robot_model import RobotModel
-
-PERIOD = 0.002  #: Between two checks, and between two damping commands [s]
-AFTERWARDS = 1.0  #: For how long it goes on after the end of the driver [s]
-PRIORITY = 45  #: SCHED_FIFO, above the driver; where permitted
 
 
 def main(args: list[str] | None = None) -> None:
@@ -36,7 +33,8 @@ def main(args: list[str] | None = None) -> None:
         signal.signal(number, lambda number, _: ending.append(number))
     parent = os.getppid()
     guard, link = _connect(RobotModel.load(robot), int(domain), *options)
-    realtime.use_fifo(PRIORITY, lambda text: print(f"damping_guard: {text}", flush=True))
+    config = real_robot()
+    realtime.use_fifo(config.guard_priority, lambda text: print(f"damping_guard: {text}", flush=True))
     due = time.monotonic()
     said = strangers = 0
     try:
@@ -51,14 +49,14 @@ def main(args: list[str] | None = None) -> None:
                 said = guard.interventions
                 print("damping_guard: the driver is silent: damping", flush=True)
             if guard.strangers > strangers and guard.armed:
-                print(f"damping_guard: another program commands the robot: {guard.strangers} lowcmd", flush=True)
+                print(f"damping_guard: another program commands the robot: {guard.strangers} commands", flush=True)
                 strangers = 10 * guard.strangers
             ended = bool(ending) or os.getppid() != parent
-            if ended and (not guard.armed or guard.silence(now) > AFTERWARDS):
+            if ended and (not guard.armed or guard.silence(now) > config.guard_time):
                 if guard.armed and (final := guard.final_command()) is not None:
                     link.send(final)
                 return
-            due = max(due + PERIOD, now)
+            due = max(due + config.command_period, now)
             time.sleep(max(due - time.monotonic(), 0.0))
     finally:
         link.close()

@@ -71,6 +71,10 @@ class HardwarePlant(Plant, Protocol):
         """Why the robot's messages cannot be used; empty when all checks pass."""
 
     @property
+    def own_controller(self) -> str:
+        """What messages call the controller that the robot has by itself; empty for none."""
+
+    @property
     def vendor(self) -> str | None:
         """Name of the vendor's active controller, empty when none is active, None while unknown."""
 

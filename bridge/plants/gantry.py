@@ -6,20 +6,33 @@ from typing import Any
 import mujoco
 import numpy as np
 import pinocchio as pin
+from pydantic.dataclasses import dataclass
 
 from bridge.plants.deviation import Deviation
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensors import SensorErrors
+from models.config import STRICT, Count, NonNegative, Positive, default_config
 from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.mujoco_model import mujoco_to_pin
 from models.robot_model import RobotModel
-from models.types import JointCommand, Vector
+from models.types import JointCommand, Vector, Vector3
 
 STEP = 0.001  #: Physics and drives [s]
-ROPE_STIFFNESS, ROPE_DAMPING, ROPE_DRAG = 6000.0, 600.0, 40.0  #: [N/m], [N.s/m], [N.s/m] across the rope
-HOOK = (0.0, 0.0, 0.45)  #: Where the rope is tied, in the frame of the torso [m]
-LIFT = 0.10  #: Height of the soles above the floor at the start [m]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class GantryConfig:
+    """Schema of ``bridge/config/gantry.yaml``, which has units and meanings."""
+
+    rope_stiffness: Positive
+    rope_damping: NonNegative
+    rope_drag: NonNegative
+    hook: Vector3
+    lift: Positive
+    lowering_speed: Positive
+    listen_samples: Count
+    upright_height: Positive
 
 
 class HangingRobot:
@@ -47,6 +60,7 @@ class HangingRobot:
         self.ticks = round(1.0 / (rate * STEP))  #: Physics steps of a state
         if self.ticks < 1 or abs(self.ticks * STEP * rate - 1.0) > 1e-9:
             raise ConfigError(f"rate {rate:g} Hz: a state must take a whole number of steps of {1e3 * STEP:g} ms")
+        self.config = default_config(GantryConfig, "bridge", "gantry")
         self.model = RobotModel.load(robot)
         if deviation is not None:
             options["sensor_errors"] = SensorErrors(encoder_offsets=deviation.encoder_offsets(self.model, seed))
@@ -58,12 +72,12 @@ class HangingRobot:
         self.received = 0  #: Commands that were
         self.command: JointCommand | None = None
         self._torso = self.plant.mujoco.bodies["torso"]
-        self.plant.hoist(LIFT)
+        self.plant.hoist(self.config.lift)
         self.plant.release()
         weight = GRAVITY * float(self.plant.model.body_mass.sum())
         hook = self._hook()
         self._anchor = hook + np.array([0.0, 0.0, 1.0])
-        self._length = 1.0 - weight / ROPE_STIFFNESS  #: Of the rope without load [m]
+        self._length = 1.0 - weight / self.config.rope_stiffness  #: Of the rope without load [m]
         self.rope_speed = 0.0  #: At which the gantry lets the rope out [m/s]
         self.slack = 0.0  #: Rope let out so far [m]
         self.hooked = True  #: Whether the rope is tied to the robot
@@ -116,7 +130,7 @@ class HangingRobot:
 
     def _hook(self) -> Vector:
         data = self.plant.data
-        return np.array(data.xpos[self._torso] + data.xmat[self._torso].reshape(3, 3) @ np.array(HOOK))
+        return np.array(data.xpos[self._torso] + data.xmat[self._torso].reshape(3, 3) @ np.array(self.config.hook))
 
     def _pull(self) -> None:
         """Force of the rope on the torso."""
@@ -133,8 +147,9 @@ class HangingRobot:
         stretch = distance - self._length - self.slack if self.hooked else 0.0
         force = np.zeros(3)
         if stretch > 0.0:
-            pull = max(ROPE_STIFFNESS * stretch - ROPE_DAMPING * float(along @ speed), 0.0)
-            force = pull * along - ROPE_DRAG * (speed - along * float(along @ speed))
+            given = self.config
+            pull = max(given.rope_stiffness * stretch - given.rope_damping * float(along @ speed), 0.0)
+            force = pull * along - given.rope_drag * (speed - along * float(along @ speed))
         data.xfrc_applied[body] = np.concatenate([force, np.cross(arm, force)])
 
 
@@ -154,6 +169,7 @@ class StepLink:
         self.state_receivers: list[Callable[[Any], object]] = []  #: Of what the robot sends
         self._states: list[Any] = []
         self._on_the_way: list[tuple[int, bytes]] = []
+        self._echo: list[bytes] = []
 
     def step(self) -> None:
         """Advance the robot by 1 ms."""
@@ -166,6 +182,11 @@ class StepLink:
                     self._states.append(passed)
                     for receive in self.state_receivers:
                         receive(passed)
+
+    def commands(self) -> list[bytes]:
+        """Commands of all programs since the last call."""
+        found, self._echo = self._echo, []
+        return found
 
     def drop(self) -> None:
         """Lose the commands that are on the way."""
@@ -183,6 +204,7 @@ class StepLink:
 
     def publish(self, data: bytes) -> None:
         """A command of any program at this end of the cable."""
+        self._echo.append(data)
         for receive in self.receivers:
             receive(data)
         if self.connected and (passed := self.commands_pass(data)) is not None:

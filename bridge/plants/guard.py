@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from bridge.plants.hardware import real_robot
 from controllers.joints.joint_servo import fade_to_damping
 from models.robot_model import RobotModel
 from models.types import JointCommand
-
-SILENCE = 0.02  #: Time without a command of the driver after which the guard damps [s]
 
 
 class SilenceGuard:
@@ -18,6 +17,7 @@ class SilenceGuard:
 
     def __init__(self, model: RobotModel) -> None:
         self._model = model
+        self._silence_max = real_robot().silence_max
         self._last = -np.inf  # time of the driver's last command [s]
         self._command: JointCommand | None = None  # the driver's last one, while the guard commands
         self._since = 0.0  # when the guard began to command [s]
@@ -37,7 +37,7 @@ class SilenceGuard:
 
     def step(self, now: float) -> bytes | None:
         """The command to publish at a time [s]; None while the driver commands, or has not begun."""
-        self.active = self.armed and self.silence(now) > SILENCE
+        self.active = self.armed and self.silence(now) > self._silence_max
         if not self.active:
             return None
         if self._command is None:

@@ -1,23 +1,91 @@
-"""What the plants of real robots share: the robot's clock, counts of its samples, mark of an unfinished run, end."""
+"""What the plants of real robots share: the robot's clock, counts of its samples, thresholds, mark of a run, end."""
 
 import time
 from contextlib import suppress
+from enum import IntEnum
 from pathlib import Path
-from typing import Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from bridge.plants.base import HardwarePlant
 from controllers.joints.joint_servo import damping_command, fade_to_damping
+from models.config import STRICT, Count, Fraction, Positive, default_config
 from models.files import state_folder
+from models.profile import Thresholds
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
 MILLISECONDS = 0.001  #: Tick of a counter of milliseconds [s]
-GAP_MAX = 2.0  #: Largest step of the robot's clock that is no restart [s]
-RATE_WINDOW = 0.5  #: Over which the rate of the samples is measured [s]
-RATE_TOLERANCE = 0.1  #: Relative deviation of that rate that is accepted at the start [-]
-CLOSE_COMMANDS, CLOSE_PERIOD = 100, 0.002  #: Commands with which ``close`` damps, and the time between two [s]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class RealRobotConfig:
+    """Schema of ``bridge/config/real_robot.yaml``, which has units and meanings."""
+
+    gap_max: Positive
+    rate_window: Positive
+    rate_tolerance: Fraction
+    count_window: Positive
+    command_period: Positive
+    close_time: Positive
+    last_commands: Count
+    silence_max: Positive
+    guard_time: Positive
+    guard_priority: Annotated[int, Field(ge=1, le=99)]
+    look_period: Positive
+    ask_period: Positive
+
+
+def real_robot() -> RealRobotConfig:
+    """The packaged configuration."""
+    return default_config(RealRobotConfig, "bridge", "real_robot")
+
+
+class Level(IntEnum):
+    """Effect of a value beyond a threshold."""
+
+    WARN = 0
+    HOLD = 1
+    DAMP = 2
+
+
+class Finding(NamedTuple):
+    """One value beyond a threshold."""
+
+    level: Level
+    reason: str  # what is measured, value and threshold
+    at_once: bool = False  # whether it counts without ``persistence``
+
+
+def beyond(what: str, value: float, unit: str, bounds: Thresholds) -> Finding | None:
+    """The most severe threshold that a value is beyond; None for none."""
+    sign = 1.0 if bounds.rising else -1.0
+    for level, bound in ((Level.DAMP, bounds.damp), (Level.HOLD, bounds.hold), (Level.WARN, bounds.warn)):
+        if sign * (value - bound) > 0.0:
+            side = "above" if bounds.rising else "below"
+            return Finding(level, f"{what}: {value:.3g} {unit} {side} {bound:g} {unit}".replace("  ", " ").rstrip())
+    return None
+
+
+class ForeignCommands:
+    """Commands of other programs on a robot's network, as a rate over ``count_window``; one counts at once.
+
+    ``topic`` is named in the finding.
+    """
+
+    def __init__(self, topic: str, bounds: Thresholds) -> None:
+        self._topic, self._bounds = topic, bounds
+        self._window = real_robot().count_window
+        self._rate = 0.0  # [Hz]
+
+    def step(self, count: int, dt: float) -> Finding | None:
+        """Add a number of commands, ``dt`` [s] after the last."""
+        self._rate += count - min(dt / self._window, 1.0) * self._rate
+        found = beyond(f"{self._topic} of another program", self._rate, "Hz", self._bounds)
+        return None if found is None else found._replace(at_once=True)
 
 
 class RobotClock:
@@ -57,7 +125,8 @@ class SampleCounter:
 
     def __init__(self, period: float) -> None:
         self._period = period
-        self.rate = 0.0  #: Of the samples that arrived, over ``RATE_WINDOW`` [Hz]
+        self._config = real_robot()
+        self.rate = 0.0  #: Of the samples that arrived, over ``rate_window`` [Hz]
         self.lost = 0  #: Samples that did not arrive
         self.silence = 0.0  #: Time without a sample [s]
         self._last: float | None = None
@@ -74,7 +143,7 @@ class SampleCounter:
         self.lost += lost
         self._counted += 1
         self._last = t
-        if t - self._since >= RATE_WINDOW:
+        if t - self._since >= self._config.rate_window:
             self.rate = self._counted / (t - self._since)
             self._counted, self._since = 0, t
         return step, lost
@@ -82,9 +151,9 @@ class SampleCounter:
     def findings(self, what: str) -> list[str]:
         """Why samples called ``what`` do not come as they should; empty when they do."""
         expected, found = 1.0 / self._period, []
-        if self.silence > RATE_WINDOW:
+        if self.silence > self._config.rate_window:
             found.append(f"no {what} for {self.silence:.1f} s")
-        if abs(self.rate - expected) > RATE_TOLERANCE * expected:
+        if abs(self.rate - expected) > self._config.rate_tolerance * expected:
             found.append(f"{what} at {self.rate:.0f} Hz instead of {expected:.0f} Hz")
         return found
 
@@ -173,11 +242,12 @@ class RealPlant(HardwarePlant):
             return
         if self._sampled and (self._marker.made or self.crashed):
             last = self._decode_command(self._sent) if self._sent else damping_command(self._model)
-            for count in range(CLOSE_COMMANDS):
+            config = real_robot()
+            for count in range(round(config.close_time / config.command_period)):
                 self.read()
-                command = fade_to_damping(self._model, last, count * CLOSE_PERIOD)
+                command = fade_to_damping(self._model, last, count * config.command_period)
                 self._link.send(self._encode_command(command))
-                time.sleep(CLOSE_PERIOD)
+                time.sleep(config.command_period)
             self._finish()
         self._closed = True
         self._link.close()

@@ -73,7 +73,8 @@ SUPERVISOR_TIME = "supervisor/time"  #: Time up to which the supervisor has judg
 START_STATUS = "start/status"  #: Record of the start of a real robot
 #: Services of the operator of a real robot
 START = "start/"  #: Beginning of the names of these services
-START_SERVICES = tuple(f"{START}{step}" for step in ("confirm_gantry", "prepare", "lower", "damp"))
+START_RELAX = f"{START}relax"
+START_SERVICES = (*(f"{START}{step}" for step in ("confirm_gantry", "prepare", "lower")), START_RELAX, f"{START}damp")
 REFUSALS = "refusals"  #: What each node refused last, with the reason
 STOP_MOTION = "stop"  #: ``motion/request`` that asks the controller to hold the present posture
 

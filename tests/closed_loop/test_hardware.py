@@ -5,6 +5,7 @@ Bytes of LowState and LowCmd pass between them as on the network; only the netwo
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -14,16 +15,19 @@ from bridge.driver.drivers import HardwareDrivers
 from bridge.driver.foot_load import identify, payload_profile
 from bridge.driver.startup import BEFORE_RELEASE, StartState
 from bridge.hardware_loop import HardwareLoop
+from bridge.launch.ending import EndConfig
 from bridge.plants.deviation import Deviation
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.simulated import DirectLink
 from bridge.plants.unitree.wire import read_low_cmd
 from controllers.estimation.assembler import mean_sample
+from models.config import default_config
 from models.errors import CommandError, MessageError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData, Vector
 
 B_BUTTON = 9
+AFTERWARDS = (StartState.RELAX, StartState.DAMPED)
 
 
 @pytest.fixture
@@ -52,7 +56,7 @@ def test_it_starts_from_the_gantry_and_stands(tmp_path: Path, rate: float, delay
     loop = HardwareLoop(tmp_path / "marker", rate=rate, seed=3, delay=delay)
     loop.start()
     loop.unhook()
-    assert loop.history == [str(each) for each in StartState if each is not StartState.DAMPED]
+    assert loop.history == [str(each) for each in StartState if each not in AFTERWARDS]
     before = loop.side.base
     loop.run(4.0)
     assert np.abs(loop.side.base - before).max() < 0.01
@@ -160,6 +164,46 @@ def test_close_damps(standing: HardwareLoop) -> None:
     motors = read_low_cmd(standing.link.sent[-1])["motor_cmd"][:29]
     assert motors["kd"].min() > 0.0 and not motors["tau"].any()
     assert "configure it again" in standing.plant.findings[0]
+
+
+def speeds(loop: HardwareLoop, time: float) -> tuple[float, float]:
+    """Largest speeds of pelvis and torso in a time [s]: [m/s]."""
+    plant, largest = loop.side.plant, np.zeros(2)
+    for _ in range(round(time / loop.plant.period)):
+        loop.step()
+        for i, body in enumerate(("base_link", "torso")):
+            velocity = np.zeros(6)
+            mujoco.mj_objectVelocity(
+                plant.model, plant.data, mujoco.mjtObj.mjOBJ_BODY, plant.mujoco.bodies[body], velocity, 0
+            )
+            largest[i] = max(largest[i], np.linalg.norm(velocity[3:]))
+    return float(largest[0]), float(largest[1])
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+def test_a_lowered_robot_sinks_slowly(tmp_path: Path, seed: int) -> None:
+    """One that is damped where it stands reaches 1.6 m/s at the pelvis and 2.7 m/s at the torso."""
+    loop = HardwareLoop(tmp_path / "marker", seed=seed)
+    loop.start()
+    loop.unhook()
+    ending = default_config(EndConfig, "bridge", "ending")
+    loop.command(ending.motion)
+    down = speeds(loop, 5.0)
+    assert (loop.stack.mode, loop.startup.state) == (Mode.STAND, StartState.STAND) and loop.side.base[2] < 0.42
+    assert max(down) < 0.4
+    loop.startup.relax()
+    sinking = speeds(loop, ending.sink_time)
+    assert sinking[0] < 1.0 and sinking[1] < 1.6
+    assert loop.startup.state is StartState.DAMPED and "lowered" in loop.startup.reason
+    assert loop.side.base[2] < 0.2 and damping(loop.link.sent[-1])
+
+
+def test_a_relaxing_robot_is_damped_at_once(standing: HardwareLoop) -> None:
+    standing.startup.relax()
+    standing.run(0.1)
+    standing.side.press(B_BUTTON)
+    standing.run(0.2)
+    assert "button B" in standing.startup.reason and damping(standing.link.sent[-1])
 
 
 def drift(loop: HardwareLoop) -> float:

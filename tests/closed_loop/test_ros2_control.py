@@ -15,6 +15,7 @@ pytest.importorskip("rclpy")
 from bridge.driver.drivers import HardwareDrivers
 from bridge.driver.startup import StartState
 from bridge.hardware_loop import Process, Ros2ControlLoop
+from bridge.plants.ros2_control.commands import command_codec
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, Source
 from bridge.plants.ros2_control.plant import Ros2ControlPlant
 from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
@@ -23,6 +24,7 @@ from models.robot_model import RobotModel
 from models.types import JointCommand, Mode
 
 pytestmark = pytest.mark.ros
+AFTERWARDS = (StartState.RELAX, StartState.DAMPED)
 
 
 def loop_of(folder: Path, **options: Any) -> Ros2ControlLoop:
@@ -43,7 +45,9 @@ def standing(tmp_path: Path) -> Ros2ControlLoop:
 TALOS = {"robot": "talos", "laws": "talos_hardware"}
 CASES = [
     ({"command": "effort"}, 0.4),
+    pytest.param({"command": "effort", "delay": 1}, 0.4, marks=pytest.mark.slow),
     pytest.param({"command": "effort", "delay": 4}, 0.4, marks=pytest.mark.slow),
+    pytest.param({"command": "effort", "delay": 5}, 0.4, marks=pytest.mark.slow),
     pytest.param({"command": "effort", "laws": "g1"}, 0.4, marks=pytest.mark.slow),  # with sensors in the feet
     pytest.param({"command": "pvt"}, 0.4, marks=pytest.mark.slow),
     pytest.param({"command": "pvt", "delay": 8}, 0.4, marks=pytest.mark.slow),
@@ -59,7 +63,7 @@ def test_it_starts_stands_waves_and_walks(tmp_path: Path, options: dict[str, Any
     loop = loop_of(tmp_path, seed=3, **options)
     loop.start()
     loop.unhook()
-    assert loop.history == [str(each) for each in StartState if each is not StartState.DAMPED]
+    assert loop.history == [str(each) for each in StartState if each not in AFTERWARDS]
     before = loop.side.base
     loop.run(2.0)
     assert np.abs(loop.side.base - before).max() < 0.005
@@ -89,7 +93,13 @@ def test_nothing_is_sent_before_the_gantry_is_confirmed(tmp_path: Path) -> None:
 
 
 def deactivate(loop: Ros2ControlLoop, source: Source = COMMAND) -> None:
-    loop.side.controllers[loop.side.config.controllers[source]] = "inactive"
+    loop.side.controllers[loop.side.settings.controllers[source]] = "inactive"
+
+
+def foreign(loop: Ros2ControlLoop) -> bytes:
+    """A command of another driver of the same kind, without torque."""
+    codec, zero = command_codec(loop.robot, loop.plant.config, "poise_driver_0"), np.zeros(loop.robot.nj)
+    return codec.encode(0, JointCommand.torque(zero), zero, zero)
 
 
 FAULTS: dict[str, tuple[Callable[[Ros2ControlLoop], object], str]] = {
@@ -97,8 +107,12 @@ FAULTS: dict[str, tuple[Callable[[Ros2ControlLoop], object], str]] = {
     "imu missing": (lambda loop: setattr(loop.side, "broken", {IMU}), "imu: the newest message is 0.041 s older"),
     "clock of the robot jumps back": (lambda loop: setattr(loop.side, "tick", 7), "clock has jumped"),
     "clock of the robot jumps ahead": (lambda loop: setattr(loop.side, "tick", 99_000), "clock has jumped"),
-    "controller inactive": (deactivate, "controller 'whole_body_controller' is inactive: ros2 control switch"),
+    "controller inactive": (deactivate, "'whole_body_controller' is inactive: ROS_DOMAIN_ID=0 ros2 control switch"),
     "broadcaster inactive": (lambda loop: deactivate(loop, IMU), "controller 'imu_sensor_broadcaster' is inactive"),
+    "commands of another program": (
+        lambda loop: loop.link.state_receivers.append(lambda message: loop.link.publish(foreign(loop))),
+        "command of another program: ",
+    ),
     "a command of a wrong size": (lambda loop: loop.link.send(b"\0\1" + bytes(30)), "'whole_body_controller' is"),
     "no commands of the controller": (
         lambda loop: setattr(loop.drivers, "command", lambda command: False), "no command of the controller"
@@ -116,6 +130,22 @@ def test_a_fault_damps_and_is_named(standing: Ros2ControlLoop, name: str) -> Non
     command = standing.side.drive()
     if name == "joint states missing":  # without velocities there is no damping by torques
         np.testing.assert_allclose(command.tau, 0.0, atol=1e-9)
+
+
+def test_one_command_of_another_program_holds_and_is_refused_at_the_start(tmp_path: Path) -> None:
+    loop = loop_of(tmp_path)
+    loop.link.publish(foreign(loop))
+    loop.run(0.5)
+    assert loop.startup.state is StartState.LISTEN and "command of another program" in loop.startup.waits_for
+    loop.start()
+    loop.unhook()
+    assert loop.plant.holds == ()
+    loop.link.publish(foreign(loop))
+    loop.run(0.1)
+    assert not loop.failure and "command of another program" in loop.plant.holds[0]
+    assert not loop.stack.command("walk").accepted
+    loop.run(1.0)
+    assert loop.plant.holds == ()
 
 
 def test_joint_states_missing_for_10_ms_are_ridden_through(standing: Ros2ControlLoop) -> None:
@@ -199,15 +229,23 @@ def test_each_missing_part_is_named_and_then_none(side: ControlledRobot, tmp_pat
     side.controllers.pop("imu_sensor_broadcaster")
     run(plant, side, 0.6)
     found = "; ".join(plant.findings)
-    assert "no message of imu on 'imu_sensor_broadcaster/imu' (lo, domain 0)" in found
-    assert "no message of right_foot on 'right_foot_broadcaster/wrench'" in found
-    assert "'imu_sensor_broadcaster' is not loaded: ros2 control load_controller" in found
+    assert "no message of imu on '/imu_sensor_broadcaster/imu' (lo, domain 0)" in found
+    assert "no message of right_foot on '/right_foot_broadcaster/wrench'" in found
+    assert "'imu_sensor_broadcaster' is not loaded: ROS_DOMAIN_ID=0 ros2 control load_controller" in found
     assert plant.read().t == 0.0  # no sample without its parts
     side.broken, side.controllers["imu_sensor_broadcaster"] = frozenset(), "active"
     run(plant, side, 1.2)
     assert plant.findings == () and plant.stop == "" and plant.vendor == ""
     sensors = plant.read()
     assert np.isfinite(sensors.wrenches).all() and sensors.t > 1.0
+
+
+def test_advice_names_the_domain_and_the_namespace_of_the_robot(side: ControlledRobot, tmp_path: Path) -> None:
+    link, marker = DirectControlLink(side), str(tmp_path / "marker")
+    plant = Ros2ControlPlant(RobotModel.load("g1"), domain=3, marker=marker, link=link, namespace="robot_1")
+    side.controllers["imu_sensor_broadcaster"] = "inactive"
+    command = "ROS_DOMAIN_ID=3 ros2 control switch_controllers -c /robot_1/controller_manager --activate imu_sensor"
+    assert any(command in each for each in plant.findings)
 
 
 def test_an_imu_that_is_slower_than_the_joints_is_named(side: ControlledRobot, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ class ControlSide:
 
     def __init__(self, robot: ControlledRobot, domain: int) -> None:
         self._robot = robot
-        config, topics = robot.config, robot.config.topic_of
+        config, topics = robot.settings, robot.settings.topic_of
         kind = command_codec(robot.model, config, "").kind
         self._listing = interface("controller_manager_msgs", "srv", "ListControllers")
         self._state = interface("controller_manager_msgs", "msg", "ControllerState")
@@ -37,7 +37,7 @@ class ControlSide:
             source: node.create_publisher(TYPES[source], topics[source], depth) for source in robot.sources
         }
         self._commands = node.create_subscription(kind, topics[COMMAND], ignore, depth, raw=True)
-        self._service = node.create_service(self._listing, f"{config.controller_manager}/list_controllers", ignore)
+        self._service = node.create_service(self._listing, f"{config.manager}/list_controllers", ignore)
         self._sensor: Any = None
         if config.command == "feedback":
             sensor = interface("linear_feedback_controller_msgs", "msg", "Sensor")

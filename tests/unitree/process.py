@@ -145,6 +145,8 @@ class Program:
         self.skipped = 0
         self._buffer = b""
         self._done = False
+        self._stopped_at: int | None = None  # tick of a stop
+        self.stop_ms: int | None = None  #: From the stop to the first command without stiffness, in ticks [ms]
 
     def run(self) -> None:
         use_fifo(PRIORITY, lambda text: print(text, file=sys.stderr, flush=True))  # a real robot has its own computer
@@ -152,6 +154,8 @@ class Program:
         due = time.monotonic()
         while not self._done:
             self.side.take()
+            if self._stopped_at is not None and self._limp:
+                self.stop_ms, self._stopped_at = self.robot.tick - self._stopped_at, None
             self.robot.step()
             if self.robot.due:
                 self.side.exchange()
@@ -178,6 +182,16 @@ class Program:
                 self._answers.write(json.dumps(getattr(self, name)(*arguments)) + "\n")
                 self._answers.flush()
 
+    @property
+    def _limp(self) -> bool:
+        command = self.robot.command
+        return command is not None and command.kp is not None and not command.kp.any()
+
+    def stop(self, name: str, *arguments: Any) -> Any:
+        """A call that must stop the robot; ``stop_ms`` counts from it."""
+        self._stopped_at = self.robot.tick
+        return getattr(self, name)(*arguments)
+
     def report(self) -> dict[str, Any]:
         """Truth and counts."""
         answers = np.array(getattr(self.side, "answers", []) or [np.nan])
@@ -193,6 +207,7 @@ class Program:
             "late": self.late,
             "stalls": self.skipped,
             "answer_ms": [round(1e3 * float(np.nanpercentile(answers, q)), 2) for q in (50, 99, 100)],
+            "stop_ms": self.stop_ms,
             "gap_ms": [round(1e3 * float(np.nanpercentile(gaps, q)), 2) for q in (50, 99, 100)],
             "kp": 0.0 if command is None or command.kp is None else float(np.max(command.kp)),
             "kd": 0.0 if command is None or command.kd is None else float(np.max(command.kd)),

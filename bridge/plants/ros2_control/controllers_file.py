@@ -35,10 +35,10 @@ def controllers_file(model: RobotModel, config: Ros2ControlConfig) -> str:
     used[names[COMMAND]] = _COMMAND_TYPES[config.command]
     if config.command == "feedback" and not config.free_flyer:
         used[ESTIMATOR] = "linear_feedback_controller/JointStateEstimator"
-    imu = model.profile.frames["imu"]
+    imu, manager = model.profile.frames["imu"], config.controller_manager or "controller_manager"
     moved = any((*imu.xyz, *imu.rpy))
     parameters: dict[str, Any] = {
-        config.controller_manager or "controller_manager": {
+        manager: {
             "update_rate": round(config.rate),
             **{name: {"type": kind} for name, kind in used.items()},
         },
@@ -49,7 +49,8 @@ def controllers_file(model: RobotModel, config: Ros2ControlConfig) -> str:
         if source in sources(model):
             parameters[names[source]] = {"sensor_name": source, "frame_id": sole}
     parameters |= _command_parameters(model, config)
-    nodes = {name: {"ros__parameters": given} for name, given in parameters.items()}
+    full = config.full_name if config.namespace else str
+    nodes = {full(name): {"ros__parameters": given} for name, given in parameters.items()}
     return _HEADER.format(robot=model.name) + yaml.dump(nodes, Dumper=_Dumper, sort_keys=False)
 
 

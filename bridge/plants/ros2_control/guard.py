@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bridge.plants.guard import SILENCE, SilenceGuard
+from bridge.plants.guard import SilenceGuard
 from bridge.plants.ros2_control.commands import DRIVER, GUARD, CommandCodec
 from bridge.plants.ros2_control.config import JOINTS
 from bridge.plants.ros2_control.link import Message
@@ -39,7 +39,7 @@ class ControlGuard(SilenceGuard):
                 self.refused += 1
             return
         mark = self._codec.mark(data)
-        if mark == DRIVER:
+        if mark.startswith(DRIVER):
             self._on_command(now)
             self._data = data
         elif mark != GUARD:
@@ -58,6 +58,6 @@ class ControlGuard(SilenceGuard):
             return damping_command(self._model)
 
     def _encode(self, command: JointCommand, now: float) -> bytes:
-        if self._codec.evaluated and not now - self._measured < SILENCE:
+        if self._codec.evaluated and not now - self._measured < self._silence_max:
             command = JointCommand.torque(command.tau)
         return self._codec.encode(self._stamp, command, self._q, self._v)

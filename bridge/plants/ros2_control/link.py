@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
+from math import inf
 from typing import Any, Protocol
 
 from geometry_msgs.msg import WrenchStamped
@@ -9,13 +10,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import Imu, JointState
 
+from bridge.plants.hardware import real_robot
 from bridge.plants.participant import SENSOR, ignore, join, take, take_all
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, STATE, Ros2ControlConfig
 from models.nodes.interfaces import interface
 
-LOOK = 0.02  #: Time between two checks for an answer [s]
-ASK = 0.5  #: Time between two requests for the states of the controllers [s]
-FORGET = 2.0  #: Age of an answer after which the states are unknown [s]
 #: Type of the messages of each source
 TYPES = {JOINTS: JointState, IMU: Imu, **dict.fromkeys(FEET, WrenchStamped)}
 
@@ -30,6 +29,9 @@ class ControlLink(Protocol):
 
     def send(self, data: bytes) -> None:
         """Publish a serialised command."""
+
+    def commands(self) -> list[bytes]:
+        """Serialised commands of all programs since the last call, those of this link included."""
 
     def controllers(self) -> Mapping[str, str] | None:
         """State of each loaded controller by name; None while the controller manager does not answer."""
@@ -57,6 +59,9 @@ class RosLink(ControlLink):
             (source, node.create_subscription(types[source], topics[source], ignore, SENSOR, raw=True))
             for source in sources
         ]
+        self._echo: Any = None  # a guard reads them as a source
+        if COMMAND not in sources:
+            self._echo = node.create_subscription(command, topics[COMMAND], ignore, SENSOR, raw=True)
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._writer = node.create_publisher(command, topics[COMMAND], reliable)
         latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -64,8 +69,9 @@ class RosLink(ControlLink):
         self._client = None
         if listing is not None:
             self._listing = listing
-            self._client = node.create_client(listing, f"{config.controller_manager}/list_controllers")
-        self._asked = self._looked = self._answered = -FORGET
+            self._client = node.create_client(listing, f"{config.manager}/list_controllers")
+        self._shared, self._answer_age_max = real_robot(), config.answer_age_max
+        self._asked = self._looked = self._answered = -inf
         self._controllers: dict[str, str] = {}
         self._order: list[str] | None = None
 
@@ -75,14 +81,17 @@ class RosLink(ControlLink):
     def send(self, data: bytes) -> None:
         self._writer.publish(data)
 
+    def commands(self) -> list[bytes]:
+        return [] if self._echo is None else take_all(self._echo)
+
     def controllers(self) -> Mapping[str, str] | None:
         if self._client is None:
             return None
         now = time.monotonic()
-        if now - self._looked >= LOOK:
+        if now - self._looked >= self._shared.look_period:
             self._looked = now
             self._exchange(now)
-        return self._controllers if now - self._answered <= FORGET else None
+        return self._controllers if now - self._answered <= self._answer_age_max else None
 
     def _exchange(self, now: float) -> None:
         """Take an answer of the controller manager, and ask again when it is time."""
@@ -92,7 +101,7 @@ class RosLink(ControlLink):
         if answer is not None:
             self._answered = now
             self._controllers = {each.name: each.state for each in answer.controller}
-        if now - self._asked >= ASK and client.service_is_ready():
+        if now - self._asked >= self._shared.ask_period and client.service_is_ready():
             self._asked = now
             with client.handle:
                 client.handle.send_request(self._listing.Request())

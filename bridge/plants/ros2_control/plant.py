@@ -1,5 +1,6 @@
 """A robot behind ros2_control: the robot as the driver program sees it."""
 
+import secrets
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -7,8 +8,8 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from bridge.plants.hardware import GAP_MAX, RealPlant, RobotClock
-from bridge.plants.ros2_control.commands import DRIVER, command_codec
+from bridge.plants.hardware import Finding, ForeignCommands, Level, RealPlant, RobotClock, real_robot
+from bridge.plants.ros2_control.commands import DRIVER, GUARD, command_codec
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, read_config, sources
 from bridge.plants.ros2_control.link import ControlLink, Message, RosLink
 from bridge.plants.ros2_control.sensors import ImuDecoder, JointStateDecoder, WrenchDecoder
@@ -19,9 +20,6 @@ from models.nodes.cdr import stamp_of
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
-SILENT_MAX = 0.04  #: Age of the newest message of a source beyond which the robot is damped [s]
-#: Time without a state from which on a torque that is computed from the state has no gains [s]
-STATE_AGE_MAX = 0.01
 NANOSECOND = 1.0 / NANOSECONDS  #: [s]
 ACTIVE = "active"  #: State of a controller that runs
 _CLOSED = "the connection was closed with the driver's deactivation: clean it up and configure it again"
@@ -57,16 +55,19 @@ class Ros2ControlPlant(RealPlant):
         **options: Any,
     ) -> None:
         self.config = config = read_config(options)
-        self._where = f"{network_interface}, domain {domain}"
+        self._domain, self._where = domain, f"{network_interface}, domain {domain}"
         super().__init__(model, "ros2_control", f"{network_interface}-{domain}", marker, 1.0 / config.rate)
-        self._clock = RobotClock(self._period, GAP_MAX, NANOSECOND, 1 << 63)
+        self._clock = RobotClock(self._period, real_robot().gap_max, NANOSECOND, 1 << 63)
         self._sources = sources(model)
         self._needed = [config.controllers[source] for source in (*self._sources, COMMAND)]  # controllers
-        self._joints, self._imu = JointStateDecoder(model), ImuDecoder(model)
+        self._joints, self._imu = JointStateDecoder(model), ImuDecoder(model, config.imu_distance_max)
         self._feet = [WrenchDecoder(model, foot) for foot in range(len(FEET))]
-        age, gap = (round(limit * NANOSECONDS) for limit in (config.part_age_max, GAP_MAX))
+        age, gap = (round(limit * NANOSECONDS) for limit in (config.part_age_max, real_robot().gap_max))
         self._assembler = SampleAssembler(age, gap, feet=FEET[0] in self._sources)
-        self._codec = command_codec(model, config, DRIVER)
+        self._mark = f"{DRIVER}_{secrets.token_hex(4)}"
+        self._codec = command_codec(model, config, self._mark)
+        self._foreign = ForeignCommands("command", config.foreign_commands)
+        self._others: Finding | None = None  # commands of other programs
         self._samples: list[SensorData] = []  # complete, and not read yet
         self._t = 0.0  # time of the newest joint state [s]
         self._seen: dict[str, int] = {}  # stamp of the newest message by source [ns]
@@ -79,6 +80,8 @@ class Ros2ControlPlant(RealPlant):
         self._stop = ""
         if self._closed:
             return self._sensors
+        foreign = sum(self._codec.mark(data) not in (self._mark, GUARD) for data in self._link.commands())
+        self._others = self._foreign.step(foreign, self._period)
         self._gather()
         samples, self._samples = self._samples, []
         self.counter.idle(arrived=bool(samples))
@@ -87,6 +90,10 @@ class Ros2ControlPlant(RealPlant):
             self._sensors = sample
         self._stop = self._reason_to_stop()
         return self._sensors
+
+    def mark(self, data: bytes) -> str:
+        """Mark of the sender of a serialised command."""
+        return self._codec.mark(data)
 
     @property
     def arrived(self) -> bool:
@@ -129,11 +136,13 @@ class Ros2ControlPlant(RealPlant):
         if self._clock.restarts > self._restarts_seen:
             self._restarts_seen = self._clock.restarts
             return "the robot's clock has jumped: it was restarted"
-        if self.counter.silence > SILENT_MAX and JOINTS in self._why:
+        if self.counter.silence > self.config.silent_max and JOINTS in self._why:
             return f"{JOINTS}: refused: {self._why[JOINTS]}"
         for source, age in self._ages().items():
-            if age > SILENT_MAX:
+            if age > self.config.silent_max:
                 return f"{source}: the newest message is {age:.3f} s older than the joint states"
+        if self._others is not None and self._others.level is Level.DAMP:
+            return self._others.reason
         if self._marker.made and (inactive := self._inactive()):
             return "; ".join(inactive)
         return ""
@@ -148,15 +157,23 @@ class Ros2ControlPlant(RealPlant):
         states = self._link.controllers()
         if states is None:
             return []
-        return [_advice(name, states.get(name)) for name in self._needed if states.get(name) != ACTIVE]
+        return [self._advice(name, states.get(name)) for name in self._needed if states.get(name) != ACTIVE]
+
+    def _advice(self, name: str, state: str | None) -> str:
+        """What is wrong with a controller, and the command for it, which belongs into the robot's domain."""
+        manager = "" if self.config.manager == "/controller_manager" else f" -c {self.config.manager}"
+        begin = f"ROS_DOMAIN_ID={self._domain} ros2 control"
+        if state is None:
+            return f"controller '{name}' is not loaded: {begin} load_controller{manager} --set-state active {name}"
+        return f"controller '{name}' is {state}: {begin} switch_controllers{manager} --activate {name}"
 
     def _encode_command(self, command: JointCommand) -> bytes:
         """Message of a command; torques of an old state have no gains.
 
-        Without a state for ``STATE_AGE_MAX``, a controller of torques gets the feed-forward torque alone: the gains
+        Without a state for ``state_age_max``, a controller of torques gets the feed-forward torque alone: the gains
         would act on an old velocity.
         """
-        if self._codec.evaluated and self.counter.silence > STATE_AGE_MAX:
+        if self._codec.evaluated and self.counter.silence > self.config.state_age_max:
             command = JointCommand.torque(command.tau)
         return self._codec.encode(self._seen.get(JOINTS, 0), command, self._sensors.q, self._sensors.v)
 
@@ -186,10 +203,12 @@ class Ros2ControlPlant(RealPlant):
             found += self.counter.findings("complete samples")
         if self.config.controller_manager:
             if self._link.controllers() is None:
-                found.append(f"'{self.config.controller_manager}/list_controllers' does not answer ({self._where})")
+                found.append(f"'{self.config.manager}/list_controllers' does not answer ({self._where})")
             found += self._inactive()
         if self.config.command == "feedback":
             found += self._order_findings()
+        if self._others is not None:
+            found.append(self._others.reason)
         return tuple(found)
 
     def _order_findings(self) -> list[str]:
@@ -205,6 +224,11 @@ class Ros2ControlPlant(RealPlant):
             f"controller '{name}' has other joints than robot '{self._model.name}': {what}; "
             f"configure it with the file that 'poise controllers' writes"
         ]
+
+    @property
+    def own_controller(self) -> str:
+        """None."""
+        return ""
 
     @property
     def vendor(self) -> str | None:
@@ -224,17 +248,21 @@ class Ros2ControlPlant(RealPlant):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sources of the newest sample without a message of its stamp."""
+        """Sources of the newest sample without a message of its stamp, and commands of other programs."""
         rate = self.config.rate
-        return tuple(
+        mixed = (
             f"{source}: no message with the stamp of the joint states; its broadcaster must run at {rate:g} Hz"
             for source in self._assembler.mixed
         )
+        return *mixed, *self._others_at(Level.WARN)
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """None: ros2_control has no standard topics of temperatures and voltages."""
-        return ()
+        """Commands of other programs; ros2_control has no standard topics of temperatures and voltages."""
+        return self._others_at(Level.HOLD)
+
+    def _others_at(self, level: Level) -> tuple[str, ...]:
+        return () if self._others is None or self._others.level is not level else (self._others.reason,)
 
     @property
     def report(self) -> Mapping[str, str]:
@@ -258,9 +286,3 @@ def _order(message: Message) -> tuple[int, bool]:
         return stamp_of(data), source == JOINTS
     except MessageError:
         return 0, False
-
-
-def _advice(name: str, state: str | None) -> str:
-    if state is None:
-        return f"controller '{name}' is not loaded: ros2 control load_controller --set-state active {name}"
-    return f"controller '{name}' is {state}: ros2 control switch_controllers --activate {name}"

@@ -18,7 +18,6 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
 FIELDS = ("position", "velocity", "effort")  #: Of a JointState that every joint needs
-IMU_PLACE = 0.01  #: Distance of the measured point from the profile's frame ``imu`` that is accepted [m]
 
 
 class JointStateDecoder:
@@ -62,10 +61,13 @@ class JointStateDecoder:
 
 
 class ImuDecoder:
-    """sensor_msgs/Imu of imu_sensor_broadcaster, turned from the axes of its frame to those of the frame ``imu``."""
+    """sensor_msgs/Imu of imu_sensor_broadcaster, turned from the axes of its frame to those of the frame ``imu``.
 
-    def __init__(self, model: RobotModel) -> None:
-        self._model = model
+    The measured point may be ``distance_max`` [m] from that frame.
+    """
+
+    def __init__(self, model: RobotModel, distance_max: float) -> None:
+        self._model, self._distance_max = model, distance_max
         self._codec: Codec[tuple[int, Vector, Vector, Vector]] | None = None
         self._rotation = np.eye(3)
 
@@ -73,7 +75,7 @@ class ImuDecoder:
         """Stamp [ns], angular velocity (3,) [rad/s] and specific force (3,) [m/s^2]; errors are ``MessageError``."""
         if self._codec is None:
             message = decode(data, Imu)
-            self._rotation = imu_rotation(self._model, message.header.frame_id)
+            self._rotation = imu_rotation(self._model, message.header.frame_id, self._distance_max)
             fields = ("orientation", "angular_velocity", "linear_acceleration")
             self._codec = Codec(message, fields, ("header.frame_id",))
         stamp, _, gyro, accel = self._codec.read(data)
@@ -104,11 +106,11 @@ class WrenchDecoder:
         return stamp, self._transform @ wrench
 
 
-def imu_rotation(model: RobotModel, frame: str) -> Matrix:
-    """Rotation (3, 3) from a frame of the URDF to the frame ``imu``; ``MessageError`` unless both are at one place."""
+def imu_rotation(model: RobotModel, frame: str, distance_max: float) -> Matrix:
+    """Rotation (3, 3) from a frame of the URDF to the frame ``imu``; ``MessageError`` if they are apart."""
     placement = _placement(model, frame, model.frame_id("imu"), "imu")
     distance = float(np.linalg.norm(placement.translation))
-    if distance > IMU_PLACE:
+    if distance > distance_max:
         raise MessageError(
             f"header.frame_id: '{frame}' is {1e3 * distance:.0f} mm from frame 'imu' of '{model.name}'; set frames.imu "
             f"of the profile to the place of the sensor"

@@ -17,7 +17,16 @@ from std_msgs.msg import Float64MultiArray
 
 from bridge.plants.gantry import STEP, HangingRobot, StepLink
 from bridge.plants.ros2_control.commands import PVT
-from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, Ros2ControlConfig, read_config, sources
+from bridge.plants.ros2_control.config import (
+    COMMAND,
+    FEET,
+    IMU,
+    JOINTS,
+    Ros2ControlConfig,
+    Source,
+    read_config,
+    sources,
+)
 from bridge.plants.ros2_control.link import Message
 from models.nodes.cdr import NANOSECONDS, Template
 from models.nodes.interfaces import interface
@@ -40,14 +49,15 @@ class ControlledRobot(HangingRobot):
     def __init__(
         self, robot: str = "g1", *, laws: str = "", settings: Mapping[str, Any] | None = None, **options: Any
     ) -> None:
-        self.config: Ros2ControlConfig = read_config(settings or {})
-        super().__init__(robot, rate=self.config.rate, **options)
+        self.settings: Ros2ControlConfig = read_config(settings or {})
+        super().__init__(robot, rate=self.settings.rate, **options)
         self.sources = sources(RobotModel.load(laws or robot))
         self.broken = frozenset[str]()  #: Sources that are not published
-        names = [self.config.controllers[source] for source in (*self.sources, COMMAND)]
+        self.stamp_offset = 0  #: Jump of the stamps [ns]
+        names = [self.settings.controllers[source] for source in (*self.sources, COMMAND)]
         self.controllers = dict.fromkeys(names, "active")  #: State by name
         self.moving_joints: Sequence[str] = self.model.joint_names  #: Of linear_feedback_controller, in its order
-        self._controller = make_controller(self.config, self.model)
+        self._controller = make_controller(self.settings, self.model)
         self._order = np.argsort(self.model.joint_names)
         joints = JointState(name=[self.model.joint_names[i] for i in self._order])
         joints.header.frame_id = "base_link"
@@ -64,7 +74,7 @@ class ControlledRobot(HangingRobot):
     @property
     def stamp(self) -> int:
         """Stamp of this cycle [ns]."""
-        return EPOCH_S * NANOSECONDS + round(self.tick * STEP * NANOSECONDS)
+        return EPOCH_S * NANOSECONDS + round(self.tick * STEP * NANOSECONDS) + self.stamp_offset
 
     def states(self) -> list[Message]:
         """Messages of this cycle, by source."""
@@ -81,14 +91,19 @@ class ControlledRobot(HangingRobot):
 
     def receive(self, data: bytes) -> None:
         """A command; a wrong size deactivates the controller."""
-        if self.controllers[self.config.controllers[COMMAND]] != "active":
+        if self.controllers[self.settings.controllers[COMMAND]] != "active":
             return
         if self._controller.accept(data):
             self.received += 1
             return
         self.refused += 1
-        self.controllers[self.config.controllers[COMMAND]] = "inactive"
-        self._controller.reset()
+        self.deactivate(COMMAND)
+
+    def deactivate(self, source: Source) -> None:
+        """The controller manager deactivates the controller of a source; that of commands forgets its last one."""
+        self.controllers[self.settings.controllers[source]] = "inactive"
+        if source == COMMAND:
+            self._controller.reset()
 
     def drive(self) -> JointCommand:
         command: JointCommand = self._controller.command(self.plant.read())

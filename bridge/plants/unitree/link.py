@@ -6,19 +6,19 @@ controller of the robot (``CHECK``), ends it (``RELEASE``), and names the versio
 
 import json
 import time
+from math import inf
 from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import try_shutdown
 
+from bridge.plants.hardware import real_robot
 from bridge.plants.participant import QUEUE, SENSOR, ignore, join, take, take_all
 from models.errors import MessageError
 from models.nodes.interfaces import interface
 
 VERSION, CHECK, RELEASE = 1, 1001, 1003  #: Functions of the motion switcher
 SWITCHER = "api/motion_switcher"  #: Its topics are ``request`` and ``response`` below this name
-RETRY = 0.5  #: Time without an answer after which a request is repeated [s]
-LOOK = 0.02  #: Time between two checks for an answer [s]
 
 
 class RobotLink(Protocol):
@@ -64,8 +64,8 @@ class DdsLink(RobotLink):
         self._requests = node.create_publisher(self._request_type, f"{SWITCHER}/request", reliable)
         self._id = time.monotonic_ns()
         self._pending = self._asked_version = 0  # id of the last Check, and of the last request for the version
-        self._asked = self._looked = -RETRY
-        self._released = -RETRY
+        self._config = real_robot()
+        self._asked = self._looked = self._released = -inf
         self._vendor: str | None = None
         self._version = ""
 
@@ -80,7 +80,7 @@ class DdsLink(RobotLink):
 
     def vendor(self) -> str | None:
         now = time.monotonic()
-        if now - self._looked < LOOK:
+        if now - self._looked < self._config.look_period:
             return self._vendor
         self._looked = now
         while (response := take(self._responses)) is not None:
@@ -88,7 +88,7 @@ class DdsLink(RobotLink):
                 self._vendor = _name_of(response)
             elif response.header.identity.id == self._asked_version and not response.header.status.code:
                 self._version = str(response.data)
-        if now - self._asked >= RETRY and self._reachable:
+        if now - self._asked >= self._config.ask_period and self._reachable:
             self._asked = now
             self._pending = self._call(CHECK)
             if not self._version:
@@ -100,7 +100,7 @@ class DdsLink(RobotLink):
 
     def release(self) -> None:
         now = time.monotonic()
-        if now - self._released >= RETRY and self._reachable:
+        if now - self._released >= self._config.ask_period and self._reachable:
             self._released = now
             self._call(RELEASE)
 

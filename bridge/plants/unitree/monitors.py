@@ -1,27 +1,14 @@
 """Monitors of a real robot: values beyond the thresholds of its profile lead to a warning, a hold, or damping."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
+from bridge.plants.hardware import Finding, ForeignCommands, Level, beyond, real_robot
 from bridge.plants.unitree.codec import LowSample
 from models.profile import Hardware, Thresholds
 from models.robot_model import RobotModel
 from models.types import Vector
-
-WARN, HOLD, DAMP = range(3)
-_LEVELS = {"warn": WARN, "hold": HOLD, "damp": DAMP}
-WINDOW = 1.0  #: Time over which lost states, foreign commands and saturated torques are counted [s]
-AT_LIMIT = 0.98  #: Part of a joint's torque limit from which on it is saturated [-]
-
-
-class Finding(NamedTuple):
-    """One value beyond a threshold."""
-
-    level: int  # WARN, HOLD or DAMP
-    reason: str  # joint, value and threshold
-    at_once: bool = False  # whether it counts without ``persistence``
 
 
 class HardwareMonitor:
@@ -34,8 +21,9 @@ class HardwareMonitor:
     def __init__(self, model: RobotModel, hardware: Hardware, period: float) -> None:
         self._names, self._hardware, self._period = model.joint_names, hardware, period
         self._since: dict[tuple[str, int], float] = {}
-        self._loss = self._foreign = 0.0
-        self._torque_limit, self._saturated = AT_LIMIT * model.tau_max, np.zeros(model.nj)
+        self._loss, self._window = 0.0, real_robot().count_window
+        self._foreign = ForeignCommands("lowcmd", hardware.foreign_commands)
+        self._torque_limit, self._saturated = hardware.saturation * model.tau_max, np.zeros(model.nj)
         self.warnings: tuple[str, ...] = ()
         self.holds: tuple[str, ...] = ()
         self.damps: tuple[str, ...] = ()
@@ -43,7 +31,7 @@ class HardwareMonitor:
 
     @property
     def loss(self) -> float:
-        """Share of states lost in the last ``WINDOW`` [-]."""
+        """Share of states lost in the last ``count_window`` [-]."""
         return self._loss
 
     def step(self, sample: LowSample, lost: int, dt: float, foreign: int = 0) -> None:
@@ -51,12 +39,12 @@ class HardwareMonitor:
 
         Before it, ``lost`` states did not arrive, and ``foreign`` commands of other programs were on the network.
         """
-        share = min(dt / WINDOW, 1.0)
+        share = min(dt / self._window, 1.0)
         self._loss += share * (lost / (lost + 1.0) - self._loss)
-        self._foreign += foreign - share * self._foreign
         self._saturated += share * ((np.abs(sample.sensors.tau) >= self._torque_limit) - self._saturated)
         self._sample = sample
-        found = [finding for finding in self._find(sample) if finding is not None]
+        others = self._foreign.step(foreign, dt)
+        found = [finding for finding in (*self._find(sample), others) if finding is not None]
         t = sample.sensors.t
         present = {}
         for finding in found:
@@ -70,7 +58,7 @@ class HardwareMonitor:
             if each.at_once or t - present[each.reason.partition(":")[0], each.level] >= self._persistence
         ]
         self.warnings, self.holds, self.damps = (
-            tuple(each.reason for each in lasting if each.level == level) for level in (WARN, HOLD, DAMP)
+            tuple(each.reason for each in lasting if each.level == level) for level in Level
         )
 
     @property
@@ -99,8 +87,7 @@ class HardwareMonitor:
             self._worst("motor temperature", "degC", hottest, np.argmax, given.motor_temperature),
             self._worst("voltage", "V", fed, np.argmin, given.voltage),
             self._worst("torque saturation", "", self._saturated, np.argmax, given.torque_saturation),
-            _beyond("lost states", self._loss, "", given.lost_packets),
-            self._others(),
+            beyond("lost states", self._loss, "", given.lost_packets),
             self._error(sample.motor_state),
         ]
 
@@ -108,11 +95,7 @@ class HardwareMonitor:
         self, what: str, unit: str, values: Vector, pick: Callable[[Vector], np.intp], bounds: Thresholds
     ) -> Finding | None:
         joint = int(pick(values))
-        return _beyond(f"{what} of '{self._names[joint]}'", float(values[joint]), unit, bounds)
-
-    def _others(self) -> Finding | None:
-        found = _beyond("lowcmd of another program", self._foreign, "Hz", self._hardware.foreign_commands)
-        return None if found is None else found._replace(at_once=True)
+        return beyond(f"{what} of '{self._names[joint]}'", float(values[joint]), unit, bounds)
 
     def _error(self, states: Vector) -> Finding | None:
         faulty = np.flatnonzero(states)
@@ -120,17 +103,6 @@ class HardwareMonitor:
             return None
         joint = int(faulty[0])
         return Finding(
-            _LEVELS[self._hardware.motor_error],
+            Level[self._hardware.motor_error.upper()],
             f"motor of '{self._names[joint]}': error word {int(states[joint]):#x}",
         )
-
-
-def _beyond(what: str, value: float, unit: str, bounds: Thresholds) -> Finding | None:
-    """The most severe threshold that a value is beyond; None for none."""
-    sign = 1.0 if bounds.rising else -1.0
-    for level, name in ((DAMP, "damp"), (HOLD, "hold"), (WARN, "warn")):
-        bound = getattr(bounds, name)
-        if sign * (value - bound) > 0.0:
-            side = "above" if bounds.rising else "below"
-            return Finding(level, f"{what}: {value:.3g} {unit} {side} {bound:g} {unit}".replace("  ", " ").rstrip())
-    return None

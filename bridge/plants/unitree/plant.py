@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bridge.plants.hardware import GAP_MAX, RealPlant, RobotClock
+from bridge.plants.hardware import RealPlant, RobotClock, real_robot
 from bridge.plants.unitree.codec import BUTTONS, LowSample, UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.link import DdsLink, RobotLink
 from bridge.plants.unitree.monitors import HardwareMonitor
@@ -15,7 +15,6 @@ from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
-LAST_COMMANDS = 5  #: Commands with which ``hand_over`` ends the guard, too: some may be lost
 RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
 
 
@@ -63,7 +62,7 @@ class UnitreePlant(RealPlant):
             )
         super().__init__(model, "unitree", f"{network_interface}-{domain}", marker, 1.0 / rate)
         self._session = secrets.randbits(32)
-        self._clock = RobotClock(self._period, GAP_MAX)
+        self._clock = RobotClock(self._period, real_robot().gap_max)
         self._codec = UnitreeCodec(model, self._clock, self._session)
         self._hardware, self._where = hardware, f"{network_interface}, domain {domain}"
         self.monitor = HardwareMonitor(model, hardware, self._period)
@@ -135,7 +134,7 @@ class UnitreePlant(RealPlant):
     def hand_over(self) -> None:
         if self._sampled and not self._closed:
             data = self._encode_command(damping_command(self._model), last=True)
-            for _ in range(LAST_COMMANDS):
+            for _ in range(real_robot().last_commands):
                 self._link.send(data)
         self._marker.remove()
 
@@ -166,6 +165,11 @@ class UnitreePlant(RealPlant):
                 f"its controller, then set hardware.switcher_version of the profile"
             )
         return (*found, *self.monitor.holds, *self.monitor.damps)
+
+    @property
+    def own_controller(self) -> str:
+        """Unitree's."""
+        return "Unitree's controller"
 
     @property
     def vendor(self) -> str | None:

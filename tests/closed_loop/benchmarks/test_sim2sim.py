@@ -11,7 +11,7 @@ from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Options, Report
 from benchmarks.stability import sim2sim
 from bridge.driver.startup import StartState
-from bridge.hardware_loop import LOWERING, HardwareLoop
+from bridge.hardware_loop import HardwareLoop
 from bridge.plants.deviation import Deviation
 from models.errors import ConfigError
 
@@ -69,7 +69,7 @@ def test_a_robot_with_another_com_starts_without_a_step(tmp_path: Path, forward:
     loop.startup.confirm_gantry()
     loop.reach(StartState.HANGING)
     loop.startup.lower()
-    loop.side.rope_speed = LOWERING
+    loop.side.rope_speed = loop.side.config.lowering_speed
     loop.reach(StartState.LOADED)
     soles = loop.side.plant.data.site_xpos[list(loop.side.plant.mujoco.sole_sites)].copy()
     loop.reach(StartState.STAND)

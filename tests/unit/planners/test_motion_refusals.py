@@ -29,7 +29,7 @@ def place(model: RobotModel, frame: str) -> Vector:
 class TestRequests:
     def test_unknown_motion_lists_the_known(self) -> None:
         model, planner = load("g1")
-        with pytest.raises(CommandError, match=r"'dance'.*bow, reach, squat, stand, wave"):
+        with pytest.raises(CommandError, match=r"'dance'.*bow, crouch, reach, squat, stand, wave"):
             planner.plan("dance", model.posture("stand"))
 
     def test_frame_that_is_not_settable(self) -> None:

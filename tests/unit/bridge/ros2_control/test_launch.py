@@ -10,6 +10,7 @@ from bridge.cli import app
 from bridge.launch.hardware import hardware_options
 from bridge.plants.base import make_plant
 from bridge.plants.config import read_options
+from bridge.plants.ros2_control.config import read_config
 from bridge.ros.processes import BRIDGE, process_specs
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
@@ -43,16 +44,31 @@ def test_the_rate_may_be_an_option_of_poise_up() -> None:
     assert given["rates"]["balance_controller"] == {"sensor_rate": 500.0}
 
 
+def test_the_end_may_be_an_option_of_the_plant_or_of_poise_up() -> None:
+    for arguments in (
+        ("ros2_control", "g1", "lo", 0, None, "{at_end: lower}"),
+        ("unitree", "g1", "lo", 0, None, "", "lower"),
+    ):
+        _, given = hardware_options(*arguments)  # type: ignore[arg-type]
+        assert given["ending"].at_end == "lower" and "at_end" not in read_options(given["plant_options"])
+    _, given = hardware_options("ros2_control", "g1", "lo", 0, None, "")
+    assert given["ending"].at_end == "damp"
+
+
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
         (("g1", "lo", 7, None, ""), "ROS domain 7 is the robot's"),
         (("g1", "no0", 0, None, ""), "no interface 'no0'"),
         (("g1", "lo", 0, None, "{comand: pvt}"), "comand"),
+        (("g1", "lo", 0, 500, "{rate: 1000.0}"), "--robot-rate 500.0 contradicts 'rate: 1000.0'"),
+        (("g1", "lo", 0, None, "{at_end: lower}", "damp"), "--at-end damp contradicts 'at_end: lower'"),
+        (("g1", "lo", 0, None, "{at_end: fall}"), "at_end"),
+        (("g1", "lo", 0, None, "{namespace: a b}"), "namespace"),
         (("g1", "lo", 0, None, "{controllers: {gripper: x}}"), "controllers.gripper"),
     ],
 )
-def test_wrong_options_are_refused_by_name(arguments: tuple[str, str, int, None, str], reason: str) -> None:
+def test_wrong_options_are_refused_by_name(arguments: tuple[str, str, int, int | None, str], reason: str) -> None:
     with pytest.raises(ConfigError, match=reason):
         hardware_options("ros2_control", *arguments)
 
@@ -75,3 +91,16 @@ def test_the_file_of_the_controllers_is_printed() -> None:
     assert "left_foot_broadcaster" not in file  # g1_hardware has no foot sensors
     assert len(file["whole_body_controller"]["ros__parameters"]["gpios"]) == 29
     assert CliRunner().invoke(app, ["controllers", "--plant-options", "{command: pv}"]).exit_code != 0
+    given = "{namespace: robot_1}"
+    file = yaml.safe_load(CliRunner().invoke(app, ["controllers", "--plant-options", given]).output)
+    assert {"/robot_1/controller_manager", "/robot_1/whole_body_controller"} < set(file)
+
+
+def test_the_namespace_is_before_every_name_that_is_not_absolute() -> None:
+    config = read_config({"namespace": "robot_1", "topics": {"imu": "/imu/raw", "left_foot": "left/wrench"}})
+    assert config.manager == "/robot_1/controller_manager"
+    assert config.topic_of["joint_states"] == "/robot_1/joint_states"
+    assert config.topic_of["command"] == "/robot_1/whole_body_controller/commands"
+    assert (config.topic_of["imu"], config.topic_of["left_foot"]) == ("/imu/raw", "/robot_1/left/wrench")
+    assert read_config({}).topic_of["imu"] == "/imu_sensor_broadcaster/imu"
+    assert read_config({"controller_manager": "", "namespace": "robot_1"}).manager == ""

@@ -90,10 +90,10 @@ def test_the_imu_is_turned_to_the_axes_of_the_profile(talos: RobotModel) -> None
     frames = [talos.pin.frames[i].placement for i in (talos.frame_id("imu"), talos.pin.getFrameId("imu_link"))]
     rotation = frames[0].rotation.T @ frames[1].rotation
     assert not np.allclose(rotation, np.eye(3))
-    _, gyro, accel = ImuDecoder(talos).decode(imu("imu_link"))
+    _, gyro, accel = ImuDecoder(talos, 0.01).decode(imu("imu_link"))
     np.testing.assert_allclose(gyro, rotation @ (1.0, 0.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(accel, rotation @ (0.0, 0.0, 9.81), atol=1e-12)
-    _, gyro, accel = ImuDecoder(talos).decode(imu("imu"))
+    _, gyro, accel = ImuDecoder(talos, 0.01).decode(imu("imu"))
     np.testing.assert_allclose((*gyro, *accel), (1.0, 0.0, 0.0, 0.0, 0.0, 9.81))
 
 
@@ -107,7 +107,7 @@ def test_the_imu_is_turned_to_the_axes_of_the_profile(talos: RobotModel) -> None
 )
 def test_an_imu_elsewhere_is_refused(g1: RobotModel, frame: str, reason: str) -> None:
     with pytest.raises(PoiseError, match=reason):
-        ImuDecoder(g1).decode(imu(frame))
+        ImuDecoder(g1, 0.01).decode(imu(frame))
 
 
 def wrench(frame: str) -> bytes:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.launch.robot_network import LOOPBACK, RobotNetwork, interface_address, profile_text
-from bridge.plants.guard import SILENCE
-from bridge.plants.hardware import RobotClock
+from bridge.plants.hardware import RobotClock, real_robot
 from bridge.plants.unitree.codec import UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.monitors import HardwareMonitor
@@ -18,6 +17,8 @@ from models.errors import ConfigError
 from models.profile import Thresholds
 from models.robot_model import RobotModel
 from models.types import JointCommand
+
+SILENCE = real_robot().silence_max
 
 
 @pytest.fixture(scope="module")

@@ -53,6 +53,7 @@ class Bench:
             StartState.HELD: self.startup.lower,
             StartState.LOADED: lambda: (self.inputs.update(load=0.98), self.run(2.0)),
             StartState.STAND: lambda: (self.inputs.update(driven=True), self.tick()),
+            StartState.RELAX: self.startup.relax,
         }
         passed = [StartState.LISTEN, *steps].index(self.startup.state)
         for reached, act in list(steps.items())[passed:]:
@@ -77,6 +78,23 @@ def test_nothing_is_commanded_before_the_release(bench: Bench) -> None:
     assert command is not None and command.kp is not None and not command.kp.any()
 
 
+def test_a_relaxing_robot_fades_from_the_last_command_with_its_gains_to_damping(bench: Bench) -> None:
+    bench.reach(StartState.STAND)
+    bench.run(1.0)
+    startup, v = bench.startup, 0.1 * np.ones(bench.model.nj)
+    startup.relax()
+    torques = []
+    while startup.state is StartState.RELAX:
+        command = bench.tick(v)
+        assert command is not None
+        torques.append(drive_torque(bench.model, command, bench.q - 0.1, v))
+    assert len(torques) == pytest.approx(startup.config.relax_time / DT, abs=2)
+    first = drive_torque(bench.model, bench.driver, bench.q - 0.1, v)
+    np.testing.assert_allclose(torques[0], first, rtol=0.01)
+    np.testing.assert_allclose(torques[len(torques) // 2], 0.5 * (first - bench.model.kd * v), rtol=0.02)
+    assert startup.state is StartState.DAMPED and "lowered" in startup.waits_for
+
+
 def test_listening_names_the_failed_check(bench: Bench) -> None:
     bench.inputs["findings"] = ("lowstate at 250 Hz instead of 500 Hz",)
     bench.run(5.0)
@@ -90,7 +108,10 @@ def test_listening_names_the_failed_check(bench: Bench) -> None:
 
 
 def test_each_service_is_refused_in_other_states(bench: Bench) -> None:
-    own = {StartState.GANTRY: "confirm_gantry", StartState.HANGING: "lower", StartState.DAMPED: "prepare"}
+    own = {
+        StartState.GANTRY: "confirm_gantry", StartState.HANGING: "lower", StartState.STAND: "relax",
+        StartState.DAMPED: "prepare",
+    }  # fmt: skip
     for state in StartState:
         fresh = Bench(bench.model)
         if state is StartState.DAMPED:

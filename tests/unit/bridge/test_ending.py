@@ -1,0 +1,110 @@
+"""The end of a real robot's graph: the order of its steps, what is not lowered, and what Ctrl-C interrupts."""
+
+import os
+import signal
+from collections.abc import Callable
+from types import TracebackType
+from typing import ClassVar
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from bridge.launch.ending import EndConfig, lower
+from bridge.launch.run import run_until_signal
+from models.config import default_config
+from models.errors import PoiseError
+
+pytestmark = pytest.mark.ros
+
+
+class Robot:
+    """A graph whose modes follow its commands."""
+
+    exit_codes: ClassVar[dict[str, int | None]] = {}
+
+    def __init__(self, mode: str, refuses: str = "") -> None:
+        self.mode, self._refuses = mode, refuses
+        self.done: list[str] = []
+        self._next: list[str] = []
+
+    def __enter__(self) -> "Robot":
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.stop()
+
+    def send(self, text: str) -> None:
+        self.done.append(text)
+        self._next = [] if text == self._refuses else ["stand"] if text == "stop" else ["motion", "stand"]
+
+    def call(self, service: str) -> tuple[bool, str]:
+        self.done.append(service)
+        return service != self._refuses, "no"
+
+    def wait_for(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
+        while not condition():
+            if not self._next:
+                raise PoiseError(f"not {what}")
+            self.mode = self._next.pop(0)
+
+    def spin(self, duration: float) -> None:
+        self.done.append("spin")
+
+    def stop(self) -> None:
+        if self.done[-1:] != ["stop processes"]:
+            self.done.append("stop processes")
+
+
+@pytest.fixture
+def config() -> EndConfig:
+    return default_config(EndConfig, "bridge", "ending")
+
+
+@pytest.mark.parametrize("mode", ["stand", "walk", "motion"])
+def test_a_robot_that_stands_or_moves_is_lowered(config: EndConfig, mode: str) -> None:
+    robot = Robot(mode)
+    lower(robot, config)
+    assert robot.done == ["stop"] * (mode != "stand") + [config.motion, "start/relax", "spin"]
+
+
+@pytest.mark.parametrize("mode", ["", "off", "damp"])
+def test_any_other_robot_is_not_lowered(config: EndConfig, mode: str) -> None:
+    robot = Robot(mode)
+    with pytest.raises(PoiseError, match="it is damped"):
+        lower(robot, config)
+    assert not robot.done
+
+
+@pytest.mark.parametrize("step", ["stop", "crouch", "start/relax"])
+def test_a_refused_step_ends_it(config: EndConfig, step: str) -> None:
+    robot = Robot("walk", refuses=step)
+    with pytest.raises(PoiseError):
+        lower(robot, config)
+    assert robot.done[-1] == step
+
+
+def interrupted(number: int, at_end: bool = True, again: bool = False) -> list[str]:
+    """What is done when a signal arrives while the graph runs, and again while it ends."""
+    robot = Robot("stand")
+
+    def spin(duration: float) -> None:
+        os.kill(os.getpid(), number)
+
+    def end(graph: Robot) -> None:
+        graph.done.append("begin")
+        if again:
+            os.kill(os.getpid(), signal.SIGINT)
+        graph.done.append("end")
+
+    robot.spin = spin  # type: ignore[method-assign]
+    code = run_until_signal(lambda say: robot, "g1", duration=None, quiet=True, end=end if at_end else None)  # type: ignore[arg-type, return-value]
+    assert code == 0
+    return robot.done
+
+
+def test_a_second_interrupt_and_a_termination_end_the_processes_at_once() -> None:
+    assert interrupted(signal.SIGINT) == ["begin", "end", "stop processes"]
+    assert interrupted(signal.SIGINT, again=True) == ["begin", "stop processes"]
+    assert interrupted(signal.SIGTERM) == ["stop processes"]
+    assert interrupted(signal.SIGINT, at_end=False) == ["stop processes"]
