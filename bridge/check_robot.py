@@ -1,4 +1,4 @@
-"""``poise check-robot``: propose a profile for a URDF, try it in the closed loop, and report errors."""
+"""``poise check-robot``: propose a profile for a URDF or MJCF, try it in the closed loop, and report errors."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -163,7 +163,7 @@ _LISTED = 4  #: Names that a cell of the table lists
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result for a URDF: proposal, files written (the profile first), and trials."""
+    """Result for a robot: proposal, files written (the profile first), and trials."""
 
     proposal: Proposal
     files: tuple[Path, ...]
@@ -179,7 +179,7 @@ class Verdict:
 def check_robot(
     urdf: Path, out: Path, packages: Sequence[Path] = (), *, overwrite: bool = False, seed: int = 0
 ) -> Verdict:
-    """Propose a profile for a URDF, write it to ``out``, over a file only with ``overwrite``, and try it."""
+    """Propose a profile for a URDF or MJCF, write it to ``out``, over a file only with ``overwrite``, and try it."""
     if out.exists() and not overwrite:
         raise ConfigError(f"{out}: exists already: give another name with --out, or --overwrite")
     proposal, files = _propose(urdf, out, packages)

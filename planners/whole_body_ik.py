@@ -67,7 +67,7 @@ class WholeBodyIk:
         self._chains = {name: chain(model, name) for name in TARGET_FRAMES}
         self._collision = collision
         self._robot = placo_robot(model)
-        for body in hull_geometry(self._robot.model, str(model.urdf)).geometryObjects:
+        for body in hull_geometry(self._robot.model, model.urdf).geometryObjects:
             self._robot.collision_model.addGeometryObject(body)
         solver = self._solver = self._robot.make_solver()
         self._soles = [self._frame_task(name, "hard") for name in SOLE_FRAMES]
