@@ -16,6 +16,7 @@ from models.profile import Frame, Payload, Profile, Sole, joint_key, load_profil
 from models.types import Matrix, Vector
 from models.urdf import pinocchio_from_urdf, resolve_uri
 
+SOLE_JOINTS = 6  #: Joints of a leg that can hold its sole in every direction
 SOLE_FRAMES = ("l_sole", "r_sole")  #: REP-120 names of the sole frames, in the order of ``FOOT_NAMES``
 
 
@@ -28,12 +29,30 @@ class Foot:
     frame_id: int  #: Pinocchio frame of the sole: origin in the sole plane, x forward, z up
     rectangle: tuple[float, float, float, float]  #: Contact rectangle x_min, x_max, y_min, y_max in the sole frame [m]
     friction: float  #: Nominal Coulomb coefficient of sole on floor [-]; a controller applies its margin
-    joint_ids_v: tuple[int, ...]  #: Indices into v of the leg's joints, from base to foot
+    joint_ids_v: tuple[int, ...]  #: Indices into v of the leg's joints, from hip to foot; no other foot moves with them
+    chain_ids_v: tuple[int, ...]  #: The same of all joints between base and foot
+
+    @property
+    def rolls(self) -> bool:
+        """Whether the leg has too few joints to hold the sole against rolling, as without an ankle roll joint."""
+        return len(self.joint_ids_v) < SOLE_JOINTS
+
+    @property
+    def bearing(self) -> tuple[float, float, float, float]:
+        """Part of the rectangle in which the leg can place its CoP: the middle line of a sole that rolls [m]."""
+        return middle_line(self.rectangle) if self.rolls else self.rectangle
 
     @property
     def corners(self) -> Matrix:
         """Corners of the contact rectangle in the sole frame, counter-clockwise from front left (4, 3) [m]."""
         return corners_of(self.rectangle)
+
+
+def middle_line(rectangle: Sequence[float]) -> tuple[float, float, float, float]:
+    """The line along x in the middle of a rectangle, both x_min, x_max, y_min, y_max [m]."""
+    x_min, x_max, y_min, y_max = rectangle
+    middle = 0.5 * (y_min + y_max)
+    return x_min, x_max, middle, middle
 
 
 def corners_of(rectangle: Sequence[float]) -> Matrix:
@@ -215,9 +234,13 @@ class RobotModel:
 
     def _foot(self, index: int, sole: Sole) -> Foot:
         frame_id = self._frames[SOLE_FRAMES[index]]
+        other = self.pin.frames[self._frames[SOLE_FRAMES[1 - index]]].parentJoint
         chain = [j for j in self.pin.supports[self.pin.frames[frame_id].parentJoint] if j > 1]
-        ids = tuple(int(self.pin.joints[j].idx_v) for j in chain)
-        return Foot(FOOT_NAMES[index], sole.link, frame_id, sole.rectangle, self.profile.feet.friction, ids)
+        shared = set(self.pin.supports[other])
+        chain_ids = tuple(int(self.pin.joints[j].idx_v) for j in chain)
+        ids = tuple(int(self.pin.joints[j].idx_v) for j in chain if j not in shared)
+        friction = self.profile.feet.friction
+        return Foot(FOOT_NAMES[index], sole.link, frame_id, sole.rectangle, friction, ids, chain_ids)
 
     def _posture(self, name: str, values: dict[str, float]) -> Vector:
         q = np.array([values.get(joint, 0.0) for joint in self.joint_names])

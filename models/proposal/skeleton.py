@@ -97,14 +97,15 @@ class Skeleton:
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-LEG_JOINTS = 6  #: Joints that a leg needs to keep its sole flat wherever the base goes
+#: Joints that a leg needs: with six its sole stays flat wherever the base goes, with five it rolls with the leg
+LEG_JOINTS = 5
 _LEFT = re.compile(r"(?:^|[_\-.])l(?:eft)?(?:[_\-.]|$)|^L(?=[A-Z])|^LLEG|(?i:left)")
 _RIGHT = re.compile(r"(?:^|[_\-.])r(?:ight)?(?:[_\-.]|$)|^R(?=[A-Z])|^RLEG|(?i:right)")
 
 
 @dataclass(frozen=True, slots=True)
 class Legs:
-    """Joints of the left and the right leg from base to foot, by Pinocchio's index."""
+    """Joints of the left and the right leg from hip to foot, by Pinocchio's index; joints above move both."""
 
     left: tuple[int, ...]
     right: tuple[int, ...]
@@ -116,34 +117,40 @@ class Legs:
 
 
 def find_legs(skeleton: Skeleton, urdf: Path) -> Legs:
-    """The two mirrored chains from the base that reach lowest, left at +y; ``RobotModelError`` if there are none."""
+    """The two mirrored chains that reach lowest, below the last joint of both; left is at +y.
+
+    Raises ``RobotModelError`` if there are none.
+    """
     base = skeleton.links(BASE)[0]
     leaves = [
         j
         for j in range(BASE + 1, skeleton.model.njoints)
         if not skeleton.children[j] and skeleton.origins[j][1] > 0.0 and skeleton.partners.get(j, j) != j
     ]
-    hanging = [j for j in leaves if _hangs(skeleton, j)]
+    hanging = {j: chain for j in leaves if (chain := _hanging(skeleton, j))}
     if not hanging:
         raise RobotModelError(
-            f"{urdf}: no feet: no two mirrored chains of joints hang down from the base '{base}'{_unpaired(skeleton)}"
+            f"{urdf}: no feet: no two mirrored chains of joints hang down from the base '{base}' or from a joint on "
+            f"its middle plane{_unpaired(skeleton)}"
         )
-    foot = min(hanging, key=lambda j: (round(float(skeleton.origins[j][2]), 3), -len(skeleton.chain(j))))
-    left = tuple(skeleton.chain(foot))
+    foot = min(hanging, key=lambda j: (round(float(skeleton.origins[j][2]), 3), -len(hanging[j])))
+    left = hanging[foot]
     right = tuple(skeleton.partners[j] for j in left)
     if len(left) < LEG_JOINTS:
         raise RobotModelError(
-            f"{urdf}: no feet: the leg that ends at joint '{skeleton.name(foot)}' has {len(left)} joints, and a sole "
-            f"stays flat with {LEG_JOINTS}"
+            f"{urdf}: no feet: the leg that ends at joint '{skeleton.name(foot)}' has {len(left)} joints, and a leg "
+            f"that a robot can stand on has at least {LEG_JOINTS}"
         )
     return Legs(left, right)
 
 
-def _hangs(skeleton: Skeleton, joint: int) -> bool:
-    """Whether a chain leads down to a joint and shares nothing but the base with its mirror image."""
+def _hanging(skeleton: Skeleton, joint: int) -> tuple[int, ...]:
+    """The chain down to a joint that shares nothing with its mirror image; empty unless it leads below the base."""
     chain = skeleton.chain(joint)
-    down = skeleton.origins[joint][2] < skeleton.origins[chain[0]][2] - 0.5 * skeleton.reach(chain)
-    return bool(down) and not any(map(skeleton.central, chain))
+    shared = [i for i, each in enumerate(chain) if skeleton.central(each)]
+    chain = chain[shared[-1] + 1 :] if shared else chain
+    top = min(float(skeleton.origins[chain[0]][2]), 0.0)
+    return tuple(chain) if skeleton.origins[joint][2] < top - 0.5 * skeleton.reach(chain) else ()
 
 
 def _unpaired(skeleton: Skeleton) -> str:

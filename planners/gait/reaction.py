@@ -206,7 +206,7 @@ def _momentum(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matri
     """Angular momentum about the CoM per twist of a foot, moved by its leg alone, in W (3, 6)."""
     pin.computeCentroidalMap(model.pin, data, q)
     jacobian = _jacobian(model, data, q, foot)
-    momentum: Matrix = data.Ag[3:, np.array(foot.joint_ids_v)] @ np.linalg.inv(jacobian)
+    momentum: Matrix = data.Ag[3:, np.array(foot.joint_ids_v)] @ np.linalg.pinv(jacobian)
     return momentum
 
 
@@ -232,5 +232,5 @@ def _pose_foot(model: RobotModel, data: pin.Data, q: Vector, foot: Foot, shift: 
         error = np.concatenate([target.translation - here.translation, turn])
         if np.linalg.norm(error) < _TOLERANCE:
             return posed
-        posed[joints] += np.linalg.solve(jacobian, error)
+        posed[joints] += np.linalg.pinv(jacobian) @ error
     raise RobotModelError(f"{model.name}: the {foot.name} foot cannot be moved by {shift.round(3)} m from 'stand'")
