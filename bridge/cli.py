@@ -253,7 +253,7 @@ def check_robot(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a profile that is there already.")] = False,
 ) -> None:
-    """Propose a profile for a URDF or MJCF, try to stand, squat, wave and walk with it, and say what is missing or wrong."""
+    """Propose a profile for a URDF or MJCF; stand, squat, wave and walk with it; say what is missing or wrong."""
     from bridge.check_robot import check_robot as check
     from bridge.check_robot import report
 

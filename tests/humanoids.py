@@ -106,14 +106,16 @@ class Humanoid:
         half, here = 0.5 * self.arm, (0.0, 0.0, 0.0)
         roll = (-0.3, 2.8) if sign > 0.0 else (-2.8, 0.3)
         chain = (
-            ("shoulder_pitch", "pitch", (0.0, 0.17 * sign, 0.34), (-3.0, 2.0)),
+            ("shoulder_pitch", "pitch", (0.0, 0.2 * sign, 0.34), (-3.0, 2.0)),
             ("shoulder_roll", "roll", here, roll),
             ("shoulder_yaw", "yaw", here, (-2.5, 2.5)),
             ("elbow", "pitch", (0.0, 0.0, -half), (-2.4, 0.1)),
             ("wrist_yaw", "yaw", (0.0, 0.0, -half), (-1.5, 1.5)),
         )
         above = "trunk"
-        for kind, axis, at, limits in chain[: self.arm_joints]:
-            link = urdf.link(f"{side}_{kind}_link", 0.6)
+        for number, (kind, axis, at, limits) in enumerate(chain[: self.arm_joints]):
+            last = number == self.arm_joints - 1  # a forearm of 0.2 m below it
+            size, centre = ((0.05, 0.05, 0.2), (0.0, 0.0, -0.1)) if last else (_ROUND, here)
+            link = urdf.link(f"{side}_{kind}_link", 0.6, size, centre)
             urdf.joint(f"{side}_{kind}", axis, above, link, at, limits, 40.0)
             above = link

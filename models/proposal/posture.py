@@ -194,7 +194,8 @@ class PostureSolver:
     def _place_hand(self, arm: tuple[int, ...], side: float) -> None:
         indices = self._index(arm)
         self._forward()
-        length = self._skeleton.reach(list(arm))
+        if not (length := self._skeleton.reach(list(arm))):  # a shoulder alone has no place to choose
+            return
         ahead, outward, up = self._config.hands[0]
         target = self._data.oMi[arm[0]].translation + length * np.array([ahead, side * outward, up])
         start = self._q[indices].copy()
