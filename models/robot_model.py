@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from models.constants import FOOT_NAMES, JOINTS_Q, JOINTS_V
+from models.constants import FOOT_NAMES, GRAVITY, JOINTS_Q, JOINTS_V
 from models.errors import ConfigError, JointNameError, RobotModelError, did_you_mean
 from models.profile import Frame, Payload, Profile, Sole, joint_key, load_profile
 from models.types import Matrix, Vector
@@ -31,6 +31,8 @@ class Foot:
     friction: float  #: Nominal Coulomb coefficient of sole on floor [-]; a controller applies its margin
     joint_ids_v: tuple[int, ...]  #: Indices into v of the leg's joints, from hip to foot; no other foot moves with them
     chain_ids_v: tuple[int, ...]  #: The same of all joints between base and foot
+    #: Part of the rectangle in which the leg can hold the CoP [m], see ``RobotModel.bearing``
+    bearing: tuple[float, float, float, float]
 
     @property
     def rolls(self) -> bool:
@@ -38,21 +40,21 @@ class Foot:
         return len(self.joint_ids_v) < SOLE_JOINTS
 
     @property
-    def bearing(self) -> tuple[float, float, float, float]:
-        """Part of the rectangle in which the leg can place its CoP: the middle line of a sole that rolls [m]."""
-        return middle_line(self.rectangle) if self.rolls else self.rectangle
-
-    @property
     def corners(self) -> Matrix:
         """Corners of the contact rectangle in the sole frame, counter-clockwise from front left (4, 3) [m]."""
         return corners_of(self.rectangle)
 
 
-def middle_line(rectangle: Sequence[float]) -> tuple[float, float, float, float]:
-    """The line along x in the middle of a rectangle, both x_min, x_max, y_min, y_max [m]."""
-    x_min, x_max, y_min, y_max = rectangle
-    middle = 0.5 * (y_min + y_max)
-    return x_min, x_max, middle, middle
+def within(area: Sequence[float], bounds: Sequence[float]) -> tuple[float, float, float, float]:
+    """The part of a rectangle in another; along an axis where they do not meet, that of ``area`` [m]."""
+    x_min, x_max = _within(area[0], area[1], bounds[0], bounds[1])
+    y_min, y_max = _within(area[2], area[3], bounds[2], bounds[3])
+    return x_min, x_max, y_min, y_max
+
+
+def _within(low: float, high: float, least: float, most: float) -> tuple[float, float]:
+    inside = max(low, least), min(high, most)
+    return inside if inside[0] <= inside[1] else (low, high)
 
 
 def corners_of(rectangle: Sequence[float]) -> Matrix:
@@ -109,6 +111,8 @@ class RobotModel:
         self._postures["zero"] = _frozen(np.clip(np.zeros(self.nj), self.q_lower, self.q_upper))
         self._add_payload()
         self.mass = float(pin.computeTotalMass(self.pin))  #: Total mass, with the profile's payload [kg]
+        left, right = (replace(foot, bearing=self._bearing(foot)) for foot in self.feet)
+        self.feet = (left, right)
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> RobotModel:
@@ -240,7 +244,33 @@ class RobotModel:
         chain_ids = tuple(int(self.pin.joints[j].idx_v) for j in chain)
         ids = tuple(int(self.pin.joints[j].idx_v) for j in chain if j not in shared)
         friction = self.profile.feet.friction
-        return Foot(FOOT_NAMES[index], sole.link, frame_id, sole.rectangle, friction, ids, chain_ids)
+        return Foot(FOOT_NAMES[index], sole.link, frame_id, sole.rectangle, friction, ids, chain_ids, sole.rectangle)
+
+    def _bearing(self, foot: Foot) -> tuple[float, float, float, float]:
+        r"""Part of a sole in which the ankle can hold the CoP with half the weight N, standing.
+
+        .. math:: |g_j - N (J_{z} + y J_{rx} - x J_{ry})| \le \tau_{max}
+
+        for the joints j of the ankle, with the columns of the sole's Jacobian; of a sole that rolls the middle line.
+        """
+        x_min, x_max, y_min, y_max = foot.rectangle
+        q, data, force = self.standing_configuration(), self.data(), 0.5 * self.mass * GRAVITY
+        gravity = pin.computeGeneralizedGravity(self.pin, data, q)
+        pin.computeJointJacobians(self.pin, data, q)
+        pin.updateFramePlacements(self.pin, data)
+        jacobian = pin.getFrameJacobian(self.pin, data, foot.frame_id, pin.LOCAL)
+        for v in foot.joint_ids_v[-1 if foot.rolls else -2 :]:
+            rest, (_, _, lift, roll, pitch, _) = float(gravity[v]), jacobian[:, v].tolist()
+            limit = float(self.tau_max[v - JOINTS_V])
+            lever = max(abs(roll), abs(pitch)) * (1.0 if abs(pitch) > abs(roll) else -1.0)
+            lever *= float(np.sign(pitch if abs(pitch) > abs(roll) else roll))
+            low, high = sorted((force * lift - rest + sign * limit) / (force * lever) for sign in (-1.0, 1.0))
+            if abs(pitch) > abs(roll):
+                x_min, x_max = _within(x_min, x_max, low, high)
+            else:
+                y_min, y_max = _within(y_min, y_max, low, high)
+        middle = 0.5 * (y_min + y_max)
+        return (x_min, x_max, middle, middle) if foot.rolls else (x_min, x_max, y_min, y_max)
 
     def _posture(self, name: str, values: dict[str, float]) -> Vector:
         q = np.array([values.get(joint, 0.0) for joint in self.joint_names])

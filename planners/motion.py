@@ -281,8 +281,8 @@ class MotionPlanner:
         position: Vector | None = None
         rotation: Matrix | None = None
         if target.offset is not None:
-            anchor = self._places[target.anchor or frame].translation
-            position = anchor + size * self._units[target.unit] * np.array(target.offset)
+            anchor, place = self._places[target.anchor or frame].translation, self._places[frame].translation
+            position = place + size * (anchor + self._units[target.unit] * np.array(target.offset) - place)
         if target.settable and frame in given:
             position = given[frame]
         if target.rpy is not None:

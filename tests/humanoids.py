@@ -48,6 +48,7 @@ class Humanoid:
     arm_joints: int = 4  # from the shoulder on
     arm: float = 0.5  # shoulder to end of the arm [m]
     head: bool = True
+    ankle: float = 70.0  # torque limit of the ankles [N.m]
 
     def write(self, folder: Path) -> Path:
         """Write the URDF; returns its path."""
@@ -94,8 +95,10 @@ class Humanoid:
         foot, ankle = (0.8, (0.2, width, 0.03), (0.03, 0.0, -0.06)), (0.0, 0.0, -0.35)
         if self.ankle_roll:
             cross = urdf.link(f"{side}_cross", 0.3, (0.05, 0.05, 0.05))
-            urdf.joint(f"{side}_ankle_pitch", "pitch", shank, cross, ankle, (-0.9, 0.7), 70.0)
-            urdf.joint(f"{side}_ankle_roll", "roll", cross, urdf.link(f"{side}_foot", *foot), here, (-0.4, 0.4), 70.0)
+            urdf.joint(f"{side}_ankle_pitch", "pitch", shank, cross, ankle, (-0.9, 0.7), self.ankle)
+            urdf.joint(
+                f"{side}_ankle_roll", "roll", cross, urdf.link(f"{side}_foot", *foot), here, (-0.4, 0.4), self.ankle
+            )
         else:
             urdf.joint(
                 f"{side}_ankle_pitch", "pitch", shank, urdf.link(f"{side}_foot", *foot), ankle, (-0.9, 0.7), 70.0

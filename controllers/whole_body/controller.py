@@ -33,7 +33,7 @@ from controllers.whole_body.tasks import (
     Task,
 )
 from models.constants import GRAVITY
-from models.robot_model import RobotModel, middle_line
+from models.robot_model import RobotModel, within
 from models.types import JointCommand, Matrix, Reference, RobotState, SolveStatus, Vector
 
 
@@ -170,8 +170,7 @@ class WholeBodyController:
         self._areas_key, self._contacts = key, None
         self.areas[:] = self._full_areas if areas is None else areas
         for contact, area in enumerate(self.areas):
-            if self.model.feet[contact].rolls:
-                area[:] = middle_line(area)
+            area[:] = within(area.tolist(), self.model.feet[contact].bearing)
             self._cones.set_area(contact, area)
         self.builder.set_edges(self.areas)
         return True

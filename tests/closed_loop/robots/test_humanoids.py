@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from bridge.closed_loop import ClosedLoop
@@ -88,5 +89,33 @@ def test_a_push_does_not_fell_it(kind: RobotModel, direction: float) -> None:
     force = 0.3 * kind.mass / 0.1  # 0.3 m/s in 0.1 s
     angle = np.radians(direction)
     loop.apply_push((force * float(np.cos(angle)), force * float(np.sin(angle)), 0.0), duration=0.1, body="base_link")
+    loop.run(4.0)
+    assert not loop.fallen and loop.mode.value == "stand"
+
+
+@pytest.fixture(scope="module")
+def weak(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
+    """A robot of 45 kg with ankles of 8 N.m, which hold the CoP within 4 cm of the ankle."""
+    folder = tmp_path_factory.mktemp("weak")
+    return RobotModel.load(write_proposal(propose(Humanoid(ankle=8.0).write(folder)), folder / "mine.yaml")[0])
+
+
+def test_a_sole_bears_where_the_ankle_holds_the_cop(weak: RobotModel, five: RobotModel, g1: RobotModel) -> None:
+    reach = 8.0 / (0.5 * 9.81 * weak.mass)
+    for foot in weak.feet:
+        assert foot.bearing[:2] == pytest.approx((-reach, reach), abs=2e-3)
+        assert foot.rectangle[0] < foot.bearing[0] and foot.bearing[1] < foot.rectangle[1]
+    assert [foot.bearing for foot in g1.feet] == [foot.rectangle for foot in g1.feet]
+    assert five.feet[0].bearing[2] == five.feet[0].bearing[3]
+    data = weak.data()
+    com = pin.centerOfMass(weak.pin, data, weak.standing_configuration())
+    assert abs(com[0] - 0.5 * (weak.feet[0].bearing[0] + weak.feet[0].bearing[1])) < 3e-3
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_weak_ankles_do_not_fell_a_pushed_robot(weak: RobotModel, way: float) -> None:
+    loop = ClosedLoop(weak, seed=1)
+    loop.run(0.5)
+    loop.apply_push((way * 0.25 * weak.mass / 0.1, 0.0, 0.0), duration=0.1, body="base_link")
     loop.run(4.0)
     assert not loop.fallen and loop.mode.value == "stand"
