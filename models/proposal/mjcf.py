@@ -114,13 +114,10 @@ class _Converter:
         self._anchors[body] = np.array(model.jnt_pos[first]) if count else np.zeros(3)
         if model.body_mass[body] > 0.0:
             inertial = ET.SubElement(link, "inertial")
-            _origin(inertial, model.body_ipos[body] - self._anchors[body], np.array([1.0, 0.0, 0.0, 0.0]))
+            _origin(inertial, model.body_ipos[body] - self._anchors[body], model.body_iquat[body])
             ET.SubElement(inertial, "mass", value=_text(model.body_mass[body]))
-            axes = _pose(model.body_ipos[body], model.body_iquat[body]).rotation
-            inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
-            rows, columns = np.triu_indices(3)
-            keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-            ET.SubElement(inertial, "inertia", dict(zip(keys, map(_text, inertia[rows, columns]), strict=True)))
+            xx, yy, zz = map(_text, model.body_inertia[body])  # a flat body's is at its bound: unturned, exact
+            ET.SubElement(inertial, "inertia", ixx=xx, iyy=yy, izz=zz, ixy="0", ixz="0", iyz="0")
         first = int(model.body_geomadr[body])
         touching = {int(g) for pair in (model.pair_geom1, model.pair_geom2) for g in pair}
         for geom in range(first, first + int(model.body_geomnum[body])):
