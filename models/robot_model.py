@@ -261,11 +261,10 @@ class RobotModel:
         jacobian = pin.getFrameJacobian(self.pin, data, foot.frame_id, pin.LOCAL)
         for v in foot.joint_ids_v[-1 if foot.rolls else -2 :]:
             rest, (_, _, lift, roll, pitch, _) = float(gravity[v]), jacobian[:, v].tolist()
-            limit = float(self.tau_max[v - JOINTS_V])
-            lever = max(abs(roll), abs(pitch)) * (1.0 if abs(pitch) > abs(roll) else -1.0)
-            lever *= float(np.sign(pitch if abs(pitch) > abs(roll) else roll))
-            low, high = sorted((force * lift - rest + sign * limit) / (force * lever) for sign in (-1.0, 1.0))
-            if abs(pitch) > abs(roll):
+            limit, pitches = float(self.tau_max[v - JOINTS_V]), abs(pitch) > abs(roll)
+            lever = force * (pitch if pitches else -roll)
+            low, high = sorted((force * lift - rest + sign * limit) / lever for sign in (-1.0, 1.0))
+            if pitches:
                 x_min, x_max = _within(x_min, x_max, low, high)
             else:
                 y_min, y_max = _within(y_min, y_max, low, high)

@@ -103,7 +103,7 @@ class QPBuilder:
         _refuse_duplicates("task", (task.name for task in (*tasks, *extra_tasks)))
         _refuse_duplicates("limit", (limit.name for limit in (*limits, *extra_limits)))
         for foot in model.feet:
-            if len(foot.joint_ids_v) < SOLE_JOINTS - foot.rolls:
+            if len(foot.joint_ids_v) < SOLE_JOINTS - 1:  # one freedom may be missing, that of the roll
                 raise ConfigError(f"{model.name}: fewer than five joints between the hip and the {foot.name} sole")
         self._tasks, self._extra_tasks, self.contacts = tasks, extra_tasks, contacts
         count, nv, nj = len(model.feet), model.nv, model.nj
