@@ -1,5 +1,6 @@
 """A simulated robot that hangs from a gantry, in MuJoCo: rope, drives, IMU; no protocol, no ROS, no DDS."""
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,7 @@ STEP = 0.001  #: Physics and drives [s]
 ROPE_STIFFNESS, ROPE_DAMPING, ROPE_DRAG = 6000.0, 600.0, 40.0  #: [N/m], [N.s/m], [N.s/m] across the rope
 HOOK = (0.0, 0.0, 0.45)  #: Where the rope is tied, in the frame of the torso [m]
 LIFT = 0.10  #: Height of the soles above the floor at the start [m]
+ECHO_MAX = 1000  #: Commands that wait for a reader of all programs' commands
 
 
 class HangingRobot:
@@ -153,6 +155,7 @@ class StepLink:
         self.receivers: list[Callable[[bytes], object]] = []  #: Further readers of commands at this end of the cable
         self.state_receivers: list[Callable[[Any], object]] = []  #: Of what the robot sends
         self._states: list[Any] = []
+        self._echo: deque[bytes] = deque(maxlen=ECHO_MAX)
         self._on_the_way: list[tuple[int, bytes]] = []
 
     def step(self) -> None:
@@ -183,10 +186,17 @@ class StepLink:
 
     def publish(self, data: bytes) -> None:
         """A command of any program at this end of the cable."""
+        self._echo.append(data)
         for receive in self.receivers:
             receive(data)
         if self.connected and (passed := self.commands_pass(data)) is not None:
             self._on_the_way.append((self.robot.tick + self.delay, passed))
+
+    def commands(self) -> list[bytes]:
+        """Commands of all programs since the last call."""
+        found = list(self._echo)
+        self._echo.clear()
+        return found
 
     def close(self) -> None:
         """Disconnect."""

@@ -80,17 +80,6 @@ class DirectLink(StepLink):
 
     robot: GantryRobot
 
-    def __init__(self, robot: GantryRobot, delay: int = 0) -> None:
-        super().__init__(robot, delay)
-        self._commands: list[bytes] = []
-        self.receivers.append(self._commands.append)
-
-    def commands(self) -> list[bytes]:
-        """LowCmds of all programs since the last call."""
-        found = self._commands.copy()
-        self._commands.clear()
-        return found
-
     def vendor(self) -> str | None:
         """Name of the vendor's active controller; None when the robot does not answer."""
         return self.robot.vendor if self.connected else None

@@ -29,8 +29,8 @@ def test_the_driver_and_the_guard_get_the_options() -> None:
     assert options == {"network_interface": "lo", "domain": 3, "command": "pvt", "rate": 500.0}
     assert given["rates"]["supervisor"] == {"sensor_rate": 500.0}
     guard, driver, *_ = given["robot_network"].processes(process_specs(), profile)
-    assert guard.arguments[:2] == ("talos_hardware", "3")
-    assert read_options(guard.arguments[2]) == {"command": "pvt", "rate": 500.0}
+    assert guard.arguments[:3] == ("ros2_control", "talos_hardware", "3")
+    assert read_options(guard.arguments[3]) == {"command": "pvt", "rate": 500.0}
     assert driver.module == BRIDGE.module and driver.environment == guard.environment
 
 

@@ -1,19 +1,38 @@
 """Monitors of a real robot: values beyond the thresholds of its profile lead to a warning, a hold, or damping."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from bridge.plants.unitree.codec import LowSample
 from models.profile import Hardware, Thresholds
 from models.robot_model import RobotModel
-from models.types import Vector
+from models.types import SensorData, Vector
 
 WARN, HOLD, DAMP = range(3)
 _LEVELS = {"warn": WARN, "hold": HOLD, "damp": DAMP}
 WINDOW = 1.0  #: Time over which lost states, foreign commands and saturated torques are counted [s]
 AT_LIMIT = 0.98  #: Part of a joint's torque limit from which on it is saturated [-]
+
+
+class LowSample(Protocol):
+    """What the monitors compare of one state of a robot."""
+
+    @property
+    def sensors(self) -> SensorData:
+        """Joints and IMU at the time of the state."""
+
+    @property
+    def temperature(self) -> Vector:
+        """Temperatures of each motor (nj, places) [degC]."""
+
+    @property
+    def voltage(self) -> Vector:
+        """Supply of each drive (nj,), 0 where not measured [V]."""
+
+    @property
+    def motor_state(self) -> Vector:
+        """Error word of each drive (nj,), 0 without error."""
 
 
 class Finding(NamedTuple):
@@ -105,8 +124,10 @@ class HardwareMonitor:
         ]
 
     def _worst(
-        self, what: str, unit: str, values: Vector, pick: Callable[[Vector], np.intp], bounds: Thresholds
+        self, what: str, unit: str, values: Vector, pick: Callable[[Vector], np.intp], bounds: Thresholds | None
     ) -> Finding | None:
+        if bounds is None:
+            return None
         joint = int(pick(values))
         return _beyond(f"{what} of '{self._names[joint]}'", float(values[joint]), unit, bounds)
 
