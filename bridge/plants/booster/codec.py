@@ -20,6 +20,7 @@ from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData, Vector
 
 ENCAPSULATION = b"\x00\x01\x00\x00"  #: Header of a serialised message: XCDR1, little-endian
+PADDING = 4  #: A message is filled up to a multiple of this size on the wire [bytes]
 _MOTOR_STATE = np.dtype([
     ("mode", "i1"), ("pad", "u1", 3), ("q", "<f4"), ("dq", "<f4"), ("ddq", "<f4"), ("tau_est", "<f4"),
     ("temperature", "i1"), ("pad2", "u1", 3), ("lost", "<u4"), ("reserve", "<u4", 2),
@@ -34,6 +35,9 @@ BUTTONS = (
     "hat_r", "hat_lu", "hat_ld", "hat_ru", "hat_rd",
 )  # fmt: skip
 REMOTE = np.dtype([("event", "<u4"), ("sticks", "<f4", 4), ("buttons", "u1", len(BUTTONS)), ("hat_pos", "u1")])
+DAMPING, PREPARE, CUSTOM = 0, 1, 3  #: Modes of the robot
+#: Name of each mode in which the vendor's controller is active
+MODES: Mapping[int, str] = {DAMPING: "damping", PREPARE: "prepare", 2: "walking", 4: "soccer"}
 SERIAL = 1  #: ``cmd_type``: ankles are commanded by pitch and roll
 MARK, GUARD_MARK = 0x50, 0x47  #: First byte of the marks of the driver, and of its guard
 WEIGHT_STEP = 2.0**-24  #: Distance of two weights below 1 [-]
@@ -99,11 +103,11 @@ def pack(record: Any) -> bytes:
 def unpack(name: str, data: bytes, layout: np.dtype[Any]) -> Any:
     """Record of a serialised message; ``MessageError`` for a wrong size."""
     expected = layout.itemsize + len(ENCAPSULATION)
-    if len(data) != expected or data[:2] != ENCAPSULATION[:2]:
+    if not 0 <= len(data) - expected < PADDING or data[:2] != ENCAPSULATION[:2]:
         raise MessageError(
             f"{name}: {len(data)} bytes, {expected} in little-endian XCDR1 expected: another number of motors?"
         )
-    return np.frombuffer(data, layout, offset=len(ENCAPSULATION))[0]
+    return np.frombuffer(data, layout, 1, len(ENCAPSULATION))[0]
 
 
 def pressed_buttons(data: bytes) -> frozenset[str]:

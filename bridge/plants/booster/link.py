@@ -7,13 +7,12 @@ robot (``GET_MODE``) and changes it (``CHANGE_MODE``). LowCmds are executed in m
 import json
 import time
 import uuid
-from collections.abc import Mapping
 from typing import Any, Protocol
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import try_shutdown
 
-from bridge.plants.booster.codec import Stamped
+from bridge.plants.booster.codec import CUSTOM, DAMPING, MODES, Stamped
 from bridge.plants.low_level import LowLink
 from bridge.plants.participant import SENSOR, ignore, join, take, take_all, take_stamped
 from models.errors import MessageError
@@ -21,8 +20,6 @@ from models.nodes.interfaces import interface
 
 STATE, COMMAND, REMOTE_STATE, SERVICE = "low_state", "joint_ctrl", "remote_controller_state", "LocoApiTopic"
 CHANGE_MODE, GET_MODE = 2000, 2017  #: Functions of the service
-DAMPING, CUSTOM = 0, 3  #: Modes
-MODES: Mapping[int, str] = {DAMPING: "damping", 1: "prepare", 2: "walking", 4: "soccer"}  #: Name of the vendor's modes
 ASK, RETRY = 0.1, 0.5  #: Time between two requests for the mode, and between two to change it [s]
 LOOK = 0.02  #: Time between two checks for an answer [s]
 FORGET = 2.0  #: Age of an answer after which the mode is unknown [s]

@@ -12,6 +12,10 @@ import pinocchio as pin
 
 from bridge.plants.booster.codec import (
     BUTTONS,
+    CUSTOM,
+    DAMPING,
+    MODES,
+    PREPARE,
     REMOTE,
     BoosterCodec,
     Stamped,
@@ -19,7 +23,6 @@ from bridge.plants.booster.codec import (
     pack,
     read_config,
 )
-from bridge.plants.booster.link import CUSTOM, DAMPING, MODES
 from bridge.plants.gantry import STEP, HangingRobot, StepLink
 from bridge.plants.hardware import GAP_MAX, RobotClock
 from models.constants import NANOSECONDS
@@ -27,7 +30,6 @@ from models.errors import MessageError
 from models.types import JointCommand
 
 EPOCH_S = 1_700_000_000  #: Stamp of tick 0 [s]
-PREPARE = 1  #: Mode in which the robot's own controller stands
 STIFFNESS, DAMPING_FACTOR = 2.0, 2.0  #: Of the robot's own controller, as factors on the profile's gains [-]
 
 
