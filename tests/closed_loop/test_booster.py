@@ -91,8 +91,7 @@ def test_the_end_leaves_the_robot_in_its_own_damping(loop: BoosterLoop, tmp_path
 def test_the_remote_controller_damps_within_10_ms(standing: BoosterLoop) -> None:
     standing.side.pressed = ("back", "lt")
     tick = standing.side.tick
-    while not damping(standing):
-        standing.step()
+    standing.until(lambda: damping(standing), 0.1)
     assert standing.side.tick - tick <= 10
     assert standing.startup.state is StartState.DAMPED and "button back" in standing.startup.reason
     with pytest.raises(CommandError, match="refused in state 'damped'"):
@@ -178,8 +177,7 @@ def test_a_motor_error_holds(standing: BoosterLoop) -> None:
 def test_the_guard_damps_after_the_driver(standing: BoosterLoop) -> None:
     standing.running.discard(Process.DRIVER)
     tick = standing.side.tick
-    while not standing.guard.active:
-        standing.step()
+    standing.until(lambda: standing.guard.active, 0.1)
     assert standing.side.tick - tick <= 24
     standing.run(0.2)  # the last torque fades
     assert damping(standing) and standing.guard.strangers == 0
