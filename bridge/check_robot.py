@@ -1,4 +1,4 @@
-"""``poise check-robot``: propose a profile for a URDF, try it in the closed loop, and report errors."""
+"""``poise check-robot``: propose a profile for a URDF or MJCF, try it in the closed loop, and report errors."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,6 +21,7 @@ from models.proposal.propose import Proposal, propose
 from models.robot_model import RobotModel
 from models.types import Mode
 from planners.motion import MotionPlanner
+from planners.whole_body_ik import chain
 
 
 @config_dataclass(frozen=True, slots=True, config=STRICT)
@@ -58,10 +59,11 @@ class Trials:
         self._loop: ClosedLoop | None = None
 
     def run(self) -> list[Trial]:
-        """Stand, squat, wave, walk; stops when the robot cannot stand."""
+        """Stand, squat, wave with an arm, walk; stops when the robot cannot stand."""
         trials = [self._try("stand", self._stand)]
         if trials[0].passed:
-            trials += [self._try("squat", self._squat), self._try("wave", self._wave), self._try("walk", self._walk)]
+            arms = [self._try("wave", self._wave)] if has_arm(self._model) else []
+            trials += [self._try("squat", self._squat), *arms, self._try("walk", self._walk)]
         return trials
 
     def _try(self, name: str, trial: Callable[[ClosedLoop], tuple[bool, str]]) -> Trial:
@@ -94,12 +96,12 @@ class Trials:
 
     def _wave(self, loop: ClosedLoop) -> tuple[bool, str]:
         self._move(loop, "wave")
-        hand = self._model.frame_id("r_wrist")
+        hands = [self._model.frame_id(name) for name in ("l_wrist", "r_wrist")]
         heights = []
         for q in loop.log.true_q[::10]:
             pin.framesForwardKinematics(self._model.pin, self._data, q)
-            heights.append(float(self._data.oMf[hand].translation[2]))
-        raised = max(heights) - heights[0]
+            heights.append([float(self._data.oMf[hand].translation[2]) for hand in hands])
+        raised = float(np.max(np.array(heights) - heights[0]))
         text = f"hand rose {100.0 * raised:.0f} cm, {self._effort(loop)}"
         return raised > self._config.hand_min * self._height, text
 
@@ -156,30 +158,37 @@ class Trials:
         return "; ".join(reasons)
 
 
-NEEDED = ("stand", "wave")  #: Required trials
+NEEDED = ("stand", "wave")  #: Required trials, of those that the robot can be put to
 _PLANNED = ("squat", "wave")  #: Motions that a standing posture should allow
 _LISTED = 4  #: Names that a cell of the table lists
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result for a URDF: proposal, files written (the profile first), and trials."""
+    """Result for a robot: proposal, files written (the profile first), and trials."""
 
     proposal: Proposal
     files: tuple[Path, ...]
     trials: tuple[Trial, ...]
 
     @property
+    def needed(self) -> tuple[str, ...]:
+        """Required trials; a robot without arms need not wave."""
+        frames = self.proposal.profile.frames
+        arms = {frames["l_wrist"].link, frames["r_wrist"].link} - {frames["torso"].link}
+        return NEEDED if arms else NEEDED[:1]
+
+    @property
     def passed(self) -> bool:
-        """Whether the robot stands and waves."""
+        """Whether the robot stands, and waves if it has an arm."""
         done = {trial.name for trial in self.trials if trial.passed}
-        return done.issuperset(NEEDED)
+        return done.issuperset(self.needed)
 
 
 def check_robot(
     urdf: Path, out: Path, packages: Sequence[Path] = (), *, overwrite: bool = False, seed: int = 0
 ) -> Verdict:
-    """Propose a profile for a URDF, write it to ``out``, over a file only with ``overwrite``, and try it."""
+    """Propose a profile for a URDF or MJCF, write it to ``out``, over a file only with ``overwrite``, and try it."""
     if out.exists() and not overwrite:
         raise ConfigError(f"{out}: exists already: give another name with --out, or --overwrite")
     proposal, files = _propose(urdf, out, packages)
@@ -189,26 +198,32 @@ def check_robot(
 
 
 def _propose(urdf: Path, out: Path, packages: Sequence[Path]) -> tuple[Proposal, list[Path]]:
-    """Propose with the first place of the hands for which all motions can be planned; otherwise with the first."""
+    """Propose with the place of the hands from which the motions can be planned largest; the first one of equals."""
     config = default_config(ProposalConfig, "models", "proposal")
+    found: list[tuple[float, Proposal]] = []
     for hand in config.posture.hands:
         one_hand = replace(config, posture=replace(config.posture, hands=(hand,)))
         proposal = propose(urdf, packages, one_hand)
-        files = write_proposal(proposal, out)
-        if _plannable(RobotModel.load(files[0])):
-            return proposal, files
-    proposal = propose(urdf, packages, config)
+        model = RobotModel.load(write_proposal(proposal, out)[0])
+        found.append((_size(model), proposal))
+        if found[-1][0] == 1.0 or not has_arm(model):
+            break
+    proposal = max(found, key=lambda each: each[0])[1]
     return proposal, write_proposal(proposal, out)
 
 
-def _plannable(model: RobotModel) -> bool:
+def has_arm(model: RobotModel) -> bool:
+    """Whether a joint moves a hand against the torso."""
+    return any(hand - chain(model, "torso") for hand in (chain(model, "l_wrist"), chain(model, "r_wrist")))
+
+
+def _size(model: RobotModel) -> float:
+    """Share of the motions' size that can be planned; 0 where one cannot."""
     try:
         planner = MotionPlanner(model)
-        for motion in _PLANNED:
-            planner.plan(motion, model.posture("stand"))
+        return min(planner.plan_sized(motion, model.posture("stand"))[1] for motion in _PLANNED)
     except PoiseError:
-        return False
-    return True
+        return 0.0
 
 
 def _draw(model: RobotModel) -> Trial:
@@ -253,6 +268,7 @@ def report(verdict: Verdict, console: Console) -> None:
         word = "[green]done[/green]" if trial.passed else "[red]failed[/red]"
         trials.add_row(trial.name, word, escape(trial.detail))
     console.print(trials)
-    done = "stands and waves" if verdict.passed else "does not stand and wave"
+    done = " and ".join(f"{trial}s" for trial in verdict.needed)
+    done = done if verdict.passed else f"does not {' and '.join(verdict.needed)}"
     files = ", ".join(str(file) for file in verdict.files)
     console.print(f"{profile.name} {done}: {files}", style="green" if verdict.passed else "red", markup=False)

@@ -253,14 +253,14 @@ def key(file: Annotated[Path, typer.Argument(help="File to write; an existing fi
 
 @app.command("check-robot")
 def check_robot(
-    urdf: Annotated[Path, typer.Argument(help="URDF of a robot that has no profile yet.")],
+    urdf: Annotated[Path, typer.Argument(help="URDF or MJCF of a robot that has no profile yet.")],
     out: Annotated[Path | None, typer.Option(help="The proposed profile; NAME.yaml in this folder by default.")] = None,
     package_dir: Annotated[
         list[Path] | None, typer.Option(help="Folder in which package:// is looked for; may be repeated.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a profile that is there already.")] = False,
 ) -> None:
-    """Propose a profile for a URDF, try to stand, squat, wave and walk with it, and say what is missing or wrong."""
+    """Propose a profile for a URDF or MJCF; stand, squat, wave and walk with it; say what is missing or wrong."""
     from bridge.check_robot import check_robot as check
     from bridge.check_robot import report
 

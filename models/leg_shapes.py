@@ -1,7 +1,10 @@
 """Shapes of a robot's legs, for laws and checks that keep them apart."""
 
+import warnings
 import xml.etree.ElementTree as ET
+from collections.abc import Container, Sequence
 from itertools import product
+from pathlib import Path
 
 import coal
 import numpy as np
@@ -9,10 +12,11 @@ import pinocchio as pin
 
 from models.errors import RobotModelError
 from models.robot_model import RobotModel
-from models.urdf import read_urdf, resolve_uri
+from models.urdf import read_urdf, shapes_of
 
+_DRAWN = ("visual", "collision")  #: What of a link stands for its surface
 _DIRECTIONS = 200  #: Of the points of a coarse hull: within 4 mm of the hull, for a shank
-MESHES = coal.CachedMeshLoader(coal.BV_OBBRSS)  #: Of this process with their hulls, by file
+_MESHES = coal.CachedMeshLoader(coal.BV_OBBRSS)  #: Of this process with their hulls, by file
 
 
 def leg_chains(robot: RobotModel) -> tuple[set[int], set[int]]:
@@ -25,10 +29,11 @@ def leg_shapes(robot: RobotModel, *, hulls: bool = False) -> pin.GeometryModel:
     """Shapes of all that the joints of ``leg_chains`` move, and all pairs of one shape of each leg.
 
     They are the visual ones of the URDF, meshes as they are or coarse convex ``hulls`` of them, and those of collision
-    where a link has no visual shape. Raises ``RobotModelError`` when one cannot be loaded.
+    where a link has no visual shape. A mesh that is not there is left out with a warning.
     """
     supports, sides = [set(joints) for joints in robot.pin.supports], leg_chains(robot)
-    geometry = _shapes(robot, {joint for joint, above in enumerate(supports) if above & (sides[0] | sides[1])})
+    moving = {joint for joint, above in enumerate(supports) if above & (sides[0] | sides[1])}
+    geometry = body_shapes(robot.pin, robot.urdf, _DRAWN, moving)
     bodies = geometry.geometryObjects
     for body in bodies:
         if hulls and isinstance(body.geometry, coal.BVHModelBase):
@@ -42,7 +47,7 @@ def leg_shapes(robot: RobotModel, *, hulls: bool = False) -> pin.GeometryModel:
 def foot_size(robot: RobotModel) -> tuple[float, float]:
     """Largest length and width [m] along a sole's axes of the boxes around what moves with it; at least of the sole."""
     soles, sizes = [robot.pin.frames[foot.frame_id] for foot in robot.feet], []
-    geometry = _shapes(robot, {sole.parentJoint for sole in soles})
+    geometry = body_shapes(robot.pin, robot.urdf, _DRAWN, {sole.parentJoint for sole in soles})
     for foot, frame in zip(robot.feet, soles, strict=True):
         x_min, x_max, y_min, y_max = foot.rectangle
         points = [np.array([[x_min, y_min, 0.0], [x_max, y_max, 0.0]])]
@@ -69,23 +74,29 @@ def _coarse_hull(mesh: coal.BVHModelBase) -> coal.ConvexBase:
     return coal.ConvexBase.convexHull(points, True, "Qt")
 
 
-def _shapes(robot: RobotModel, joints: set[int]) -> pin.GeometryModel:
-    """Shapes of the links that some joints move."""
-    root = ET.Element("robot", {"name": robot.name})
-    for element in read_urdf(robot.urdf):
-        if element.tag not in ("link", "joint"):
-            continue
-        link = ET.SubElement(root, element.tag, dict(element.attrib))
-        link.extend(element if element.tag == "joint" else element.findall("inertial"))
-        frame = robot.pin.getFrameId(element.get("name", ""), pin.FrameType.BODY)
-        if element.tag == "link" and robot.pin.frames[frame].parentJoint in joints:
-            for shape in element.findall("visual") or element.findall("collision"):
-                shape.tag = "visual"
-                for mesh in shape.iterfind("geometry/mesh"):
-                    mesh.set("filename", str(resolve_uri(mesh.get("filename", ""), robot.urdf.parent)))
-                link.append(shape)
+def body_shapes(
+    robot: pin.Model, urdf: Path, kinds: Sequence[str], joints: Container[int] | None = None
+) -> pin.GeometryModel:
+    """Shapes of the links of a URDF that some ``joints`` move, all when None; see ``shapes_of`` for ``kinds``.
+
+    A mesh that is not there is left out with a warning. Raises ``RobotModelError`` when one cannot be read.
+    """
+    root, bare = ET.Element("robot", {"name": urdf.stem}), []
+    for element in read_urdf(urdf):
+        if element.tag == "joint":
+            root.append(element)
+        elif element.tag == "link":
+            name = element.get("name", "")
+            link = ET.SubElement(root, "link", name=name)
+            link.extend(element.findall("inertial"))
+            if joints is None or robot.frames[robot.getFrameId(name, pin.FrameType.BODY)].parentJoint in joints:
+                link.extend(shapes_of(element, urdf.parent, kinds))
+                if link.find("visual") is None and any(element.find(kind) is not None for kind in kinds):
+                    bare.append(name)
+    if bare:
+        warnings.warn(f"{urdf}: no mesh of {', '.join(bare)} is there: nothing keeps clear of them", stacklevel=2)
     text, kind = ET.tostring(root, encoding="unicode"), pin.GeometryType.VISUAL
     try:
-        return pin.buildGeomFromUrdfString(robot.pin, text, kind, None, None, MESHES)
+        return pin.buildGeomFromUrdfString(robot, text, kind, None, None, _MESHES)
     except (RuntimeError, ValueError) as error:
-        raise RobotModelError(f"{robot.urdf}: shapes of the legs: {error}") from error
+        raise RobotModelError(f"{urdf}: shapes: {error}") from error

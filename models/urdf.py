@@ -64,13 +64,22 @@ def read_urdf(path: Path) -> ET.Element:
 
 def parse_urdf(path: Path) -> ET.Element:
     """The ``<robot>`` element of a file, unchecked; ``RobotModelError`` names the file and the cause."""
+    root = parse_description(path)
+    if root.tag != "robot":
+        hint = "; `poise check-robot` reads MJCF and writes a URDF" if root.tag == "mujoco" else ""
+        raise RobotModelError(f"{path}: the root element is <{root.tag}>, not <robot>{hint}")
+    return root
+
+
+def parse_description(path: Path) -> ET.Element:
+    """The root element of a URDF or MJCF file; ``RobotModelError`` names the file and the cause."""
     try:
         root = ET.parse(path).getroot()
     except OSError as error:
         raise RobotModelError(f"{path}: cannot be read: {error.strerror}") from error
     except ET.ParseError as error:
         raise RobotModelError(f"{path}: not valid XML: {error}") from error
-    if root.tag != "robot":
+    if root.tag not in ("robot", "mujoco"):
         raise RobotModelError(f"{path}: the root element is <{root.tag}>, not <robot>")
     return root
 
@@ -179,23 +188,31 @@ def _link_for_mujoco(link: ET.Element, folder: Path, visuals: bool) -> ET.Elemen
     result = ET.Element("link", dict(link.attrib))
     result.extend(link.findall("inertial"))
     if visuals:
-        shapes = [shape for shape in link.findall("visual") if _readable(shape, folder)]
-        if not shapes:
-            shapes = [shape for shape in link.findall("collision") if _readable(shape, folder)]
-        for shape in shapes:
-            shape.tag = "visual"
-            result.append(shape)
+        result.extend(shapes_of(link, folder, ("visual", "collision"), (".stl", ".obj")))
     return result
 
 
-def _readable(shape: ET.Element, folder: Path) -> bool:
-    """Whether MuJoCo can draw a shape; makes the path of its mesh absolute."""
+def shapes_of(link: ET.Element, folder: Path, kinds: Sequence[str], formats: Sequence[str] = ()) -> list[ET.Element]:
+    """Shapes of a link, as visual ones: those of the first of the ``kinds`` that has any whose mesh is there.
+
+    Paths of meshes become absolute; ``formats`` are the suffixes that count, all when empty.
+    """
+    for kind in kinds:
+        shapes = [shape for shape in link.findall(kind) if _usable(shape, folder, formats)]
+        for shape in shapes:
+            shape.tag = "visual"
+        if shapes:
+            return shapes
+    return []
+
+
+def _usable(shape: ET.Element, folder: Path, formats: Sequence[str]) -> bool:
     mesh = shape.find("geometry/mesh")
     if mesh is None:
         return shape.find("geometry") is not None
     file = resolve_uri(mesh.get("filename", ""), folder)
     mesh.set("filename", str(file))
-    return file.suffix.lower() in (".stl", ".obj") and file.is_file()
+    return file.is_file() and (not formats or file.suffix.lower() in formats)
 
 
 def pinocchio_from_urdf(urdf: Path) -> pin.Model:

@@ -1,26 +1,21 @@
 """Self-collision: convex hulls of the URDF's collision bodies and the distances between them."""
 
+from pathlib import Path
+
 import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from models.errors import RobotModelError
-from models.leg_shapes import MESHES
+from models.leg_shapes import body_shapes
 from models.robot_model import RobotModel
 from models.types import Vector
-from models.urdf import data_folder
 from planners.motion_config import CollisionConfig
 
 
-def hull_geometry(model: pin.Model, urdf: str) -> pin.GeometryModel:
-    """Collision bodies of a URDF as convex hulls, without pairs; ``RobotModelError`` for a missing mesh."""
-    try:
-        geometry = pin.buildGeomFromUrdf(
-            model, urdf, pin.GeometryType.COLLISION, None, [str(data_folder().parent), *_parents(urdf)], MESHES
-        )
-    except ValueError as error:
-        raise RobotModelError(f"{urdf}: collision bodies: {error}") from error
+def hull_geometry(model: pin.Model, urdf: Path) -> pin.GeometryModel:
+    """Collision bodies of a URDF as convex hulls, without pairs; a missing mesh is left out with a warning."""
+    geometry = body_shapes(model, urdf, ("collision",))
     for body in geometry.geometryObjects:
         if isinstance(body.geometry, coal.BVHModelBase):
             if body.geometry.convex is None:
@@ -29,23 +24,17 @@ def hull_geometry(model: pin.Model, urdf: str) -> pin.GeometryModel:
     return geometry
 
 
-def _parents(urdf: str) -> list[str]:
-    """Folders in which ``package://`` of the URDF may be found, nearest first."""
-    parts = urdf.split("/")
-    return ["/".join(parts[:i]) for i in range(len(parts) - 1, 1, -1)]
-
-
 class SelfCollision:
     """Distances between bodies of one robot.
 
     Bodies at most ``config.near`` joints apart touch by construction and are not compared. Bodies whose hulls overlap
     in the posture 'stand' are not compared either, because a hull is larger than its body; ``ignored`` names them.
-    Raises ``RobotModelError`` when a collision mesh of the URDF cannot be loaded.
+    Raises ``RobotModelError`` when a collision mesh of the URDF cannot be read.
     """
 
     def __init__(self, model: RobotModel, config: CollisionConfig) -> None:
         self._model = model.pin
-        self.geometry = hull_geometry(model.pin, str(model.urdf))
+        self.geometry = hull_geometry(model.pin, model.urdf)
         self._joint_data = model.data()
         bodies = self.geometry.geometryObjects
         self._names = [model.pin.frames[body.parentFrame].name for body in bodies]

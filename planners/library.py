@@ -1,7 +1,7 @@
 """Motions as data: the schema of ``planners/motions/*.yaml``, and the files that are read."""
 
 from collections.abc import Container, Iterable
-from dataclasses import field
+from dataclasses import field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal
@@ -65,6 +65,28 @@ class Motion:
     def settable_frames(self) -> tuple[str, ...]:
         """Frames whose position a caller may give, sorted."""
         return tuple(sorted({name for pose in self.key_poses for name, t in pose.frames.items() if t.settable}))
+
+
+SIDES = {"l_wrist": "r_wrist", "r_wrist": "l_wrist"}  #: Frames with a mirror image, and that
+
+
+def mirrored(motion: Motion) -> Motion:
+    """The mirror image of a motion at the robot's middle plane; joint values, which are of one robot, stay."""
+    poses = [
+        replace(pose, frames={SIDES.get(frame, frame): _mirrored(target) for frame, target in pose.frames.items()})
+        for pose in motion.key_poses
+    ]
+    return replace(motion, key_poses=tuple(poses))
+
+
+def _mirrored(target: FrameTarget) -> FrameTarget:
+    offset, rpy, anchor = target.offset, target.rpy, target.anchor
+    return replace(
+        target,
+        offset=None if offset is None else (offset[0], -offset[1], offset[2]),
+        rpy=None if rpy is None else (-rpy[0], rpy[1], -rpy[2]),
+        anchor=None if anchor is None else SIDES.get(anchor, anchor),
+    )
 
 
 def load_library(model: RobotModel, extra: Iterable[str | Path] = ()) -> dict[str, Motion]:

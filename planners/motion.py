@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,13 @@ from models.types import JointTrajectory, Matrix, Vector
 from planners.collision import SelfCollision
 from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal, Stance, plant, rotation, stand_on, vector
 from planners.key_pose import KeyPoseSolver
-from planners.library import START, FrameTarget, KeyPose, Motion, load_library
+from planners.library import SIDES, START, FrameTarget, KeyPose, Motion, load_library, mirrored
 from planners.motion_config import MotionConfig
-from planners.whole_body_ik import Bounds, WholeBodyIk
+from planners.whole_body_ik import Bounds, WholeBodyIk, chain
 
 _PEAK_VELOCITY = 1.875  #: Peak of ds/du for s = 10 u^3 - 15 u^4 + 6 u^5
 _PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)  #: Peak of d2s/du2 for the same
+_PITCH = 0.5  #: Share of an axis across the robot from which a joint of the waist pitches the torso [-]
 _ROUNDING = 1e-6  #: Slack of the joint limits [rad]
 _SLACK = 1e-3  #: Slack of the CoM's margin, which the solver keeps at key poses only [m]
 
@@ -114,6 +115,10 @@ class MotionPlanner:
        same inverse kinematics finds the legs at every sample, so the soles stay planted.
     3. A cubic spline through the samples gives the velocities; the result is checked against every bound once more.
 
+    Motion files are written for the reach of a human's limbs. Where the robot's do not reach that far, all offsets and
+    angles of the motion are reduced by one factor (``size`` in ``motion.yaml``); a motion of the right hand is mirrored
+    for a robot that has a left arm only. Targets of a caller are not changed.
+
     ``config`` is the packaged one when None; ``extra`` are motion files beside the packaged ones. Raises
     ``ConfigError`` for a refused file, ``RobotModelError`` when the URDF's collision meshes cannot be loaded.
     """
@@ -123,15 +128,20 @@ class MotionPlanner:
     ) -> None:
         self._model = model
         self._config = config or default_config(MotionConfig, "planners", "motion")
-        self._library = load_library(model, extra)
+        self._arms = {frame for frame in SIDES if chain(model, frame) - chain(model, "torso")}
+        self._library = {name: self._for_arms(motion) for name, motion in load_library(model, extra).items()}
         self._data = model.data()
         self._collision = SelfCollision(model, self._config.collision)
         self._ik = WholeBodyIk(model, self._config, self._collision)
         self._keys = KeyPoseSolver(model, self._config, self._collision, self._ik)
+        least, step = self._config.size.least, self._config.size.step
+        self._sizes = [round(1.0 - k * step, 6) for k in range(1 + int((1.0 - least) / step + _ROUNDING))]
         self._v_max = self._config.limits.velocity_fraction * model.v_max
         self._nominal = stand_on(model, self._data, model.posture("stand"))
         pin.framesForwardKinematics(model.pin, self._data, self._nominal.q)
         self._places = {name: self._data.oMf[model.frame_id(name)].copy() for name in TARGET_FRAMES}
+        jacobian = pin.computeJointJacobians(model.pin, self._data, self._nominal.q)
+        self._bends = any(abs(jacobian[4, 6 + i]) > _PITCH for i in chain(model, "torso"))
         self._units = {
             "m": 1.0,
             "leg": float(self._places["base_link"].translation[2]),
@@ -152,14 +162,29 @@ class MotionPlanner:
 
         ``targets`` are positions in base_footprint (3,) [m] of frames that the motion marks as settable. Raises
         ``CommandError`` for an unknown motion or frame or a malformed value, ``UnreachableError`` where a key pose or
-        the way to it violates a bound; the messages name it.
+        the way to it violates a bound, or without an arm that moves; the messages name it.
         """
+        return self.plan_sized(name, start_q, targets=targets)[0]
+
+    def plan_sized(
+        self, name: str, start_q: ArrayLike, *, targets: Mapping[str, ArrayLike] | None = None
+    ) -> tuple[JointTrajectory, float]:
+        """As ``plan``; the second result is the share of the motion's offsets and angles that the robot can play."""
         motion = self._motion(name)
         given = self._settable(motion, targets or {})
+        self._refuse_without_arm(motion)
         stance, bounds = self._begin(start_q)
-        goals = [self._goal(f"{name}, key pose '{pose.name}'", pose, stance, given) for pose in motion.key_poses]
         times = [(pose.duration, pose.hold) for pose in motion.key_poses]
-        return self._trajectory(goals, times, stance, bounds)
+        refusals: list[UnreachableError] = []
+        for size in (1.0,) if given else self._sizes:
+            goals = [
+                self._goal(f"{name}, key pose '{pose.name}'", pose, stance, given, size) for pose in motion.key_poses
+            ]
+            try:
+                return self._trajectory(goals, times, stance, bounds), size
+            except UnreachableError as error:
+                refusals.append(error)
+        raise refusals[0]
 
     def plan_pose(
         self,
@@ -198,6 +223,12 @@ class MotionPlanner:
         )
         return self._trajectory([goal], [(duration or self._config.pose.min_duration, 0.0)], stance, bounds)
 
+    def _for_arms(self, motion: Motion) -> Motion:
+        """A motion, or its mirror image where only that moves an arm that the robot has."""
+        hands = {frame for pose in motion.key_poses for frame in pose.frames} & set(SIDES)
+        mirror = not hands <= self._arms and {SIDES[frame] for frame in hands} <= self._arms
+        return mirrored(motion) if mirror else motion
+
     def _motion(self, name: str) -> Motion:
         if name not in self._library:
             raise CommandError(f"unknown motion '{name}'; known: {', '.join(self.names)}")
@@ -218,14 +249,27 @@ class MotionPlanner:
         self._ik.stand(stance, bounds)
         return stance, bounds
 
-    def _goal(self, name: str, pose: KeyPose, stance: Stance, given: Mapping[str, Vector]) -> PoseGoal:
+    def _refuse_without_arm(self, motion: Motion) -> None:
+        for frame in sorted({frame for pose in motion.key_poses for frame in pose.frames} & set(SIDES)):
+            if frame not in self._arms:
+                raise UnreachableError(
+                    f"{motion.name} moves {frame}, and {self._model.name} has no arm there: no joint moves it "
+                    "against the torso"
+                )
+
+    def _goal(self, name: str, pose: KeyPose, stance: Stance, given: Mapping[str, Vector], size: float) -> PoseGoal:
         posture = np.array(stance.q[7:] if pose.posture == START else self._model.posture(pose.posture))
         for joint, value in pose.prefer.get(self._model.name, {}).items():
             posture[self._model.joint_index(joint)] = value
         targets = pose.joints.get(self._model.name, {})
+        frames = dict(pose.frames)
+        if not self._bends and {"base_link", "torso"} <= set(frames):  # no waist pitch: the base turns with the torso
+            base = frames.pop("base_link")
+            if base.offset is not None:
+                frames["base_link"] = replace(base, rpy=None)
         return PoseGoal(
             name=name,
-            frames=tuple(self._frame_goal(frame, target, given) for frame, target in pose.frames.items()),
+            frames=tuple(self._frame_goal(frame, target, given, size) for frame, target in frames.items()),
             posture=posture,
             com=self._nominal.com[:2],
             base=self._places["base_link"],
@@ -233,16 +277,16 @@ class MotionPlanner:
             joints={self._model.joint_index(joint): value for joint, value in targets.items()},
         )
 
-    def _frame_goal(self, frame: str, target: FrameTarget, given: Mapping[str, Vector]) -> FrameGoal:
+    def _frame_goal(self, frame: str, target: FrameTarget, given: Mapping[str, Vector], size: float) -> FrameGoal:
         position: Vector | None = None
         rotation: Matrix | None = None
         if target.offset is not None:
-            anchor = self._places[target.anchor or frame].translation
-            position = anchor + self._units[target.unit] * np.array(target.offset)
+            anchor, place = self._places[target.anchor or frame].translation, self._places[frame].translation
+            position = place + size * (anchor + self._units[target.unit] * np.array(target.offset) - place)
         if target.settable and frame in given:
             position = given[frame]
         if target.rpy is not None:
-            rotation = pin.rpy.rpyToMatrix(*target.rpy) @ self._places[frame].rotation
+            rotation = pin.rpy.rpyToMatrix(*(size * np.array(target.rpy))) @ self._places[frame].rotation
         return FrameGoal(frame, position, target.axes, rotation)
 
     def _trajectory(

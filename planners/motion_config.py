@@ -83,6 +83,14 @@ class PoseConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class SizeConfig:
+    """Motions for limbs that do not reach as far as a motion file asks."""
+
+    least: Share  #: smallest share of its offsets and angles with which a motion is still planned [1]
+    step: Share  #: steps in which the share is reduced [1]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class MotionConfig:
     """Parameters of ``MotionPlanner``."""
 
@@ -93,3 +101,4 @@ class MotionConfig:
     solver: SolverConfig
     weights: WeightConfig
     pose: PoseConfig
+    size: SizeConfig

@@ -67,10 +67,17 @@ class WholeBodyIk:
         self._chains = {name: chain(model, name) for name in TARGET_FRAMES}
         self._collision = collision
         self._robot = placo_robot(model)
-        for body in hull_geometry(self._robot.model, str(model.urdf)).geometryObjects:
+        for body in hull_geometry(self._robot.model, model.urdf).geometryObjects:
             self._robot.collision_model.addGeometryObject(body)
         solver = self._solver = self._robot.make_solver()
         self._soles = [self._frame_task(name, "hard") for name in SOLE_FRAMES]
+        self._rolls: dict[int, placo.OrientationTask] = {}
+        for i, (foot, sole) in enumerate(zip(model.feet, self._soles, strict=True)):
+            if foot.rolls:  # its roll follows from the rest: a hard row more would contradict the others
+                sole.orientation().mask.set_axises("yz", "local")
+                self._rolls[i] = task = solver.add_orientation_task(PREFIX + SOLE_FRAMES[i], np.eye(3))
+                task.mask.set_axises("x", "local")
+                task.configure(f"roll of {foot.name} sole", "soft", config.weights.target_orientation)
         self._frames = {name: self._frame_task(name, "soft") for name in TARGET_FRAMES}
         self._com = solver.add_com_task(self._robot.com_world())
         self._com.mask.set_axises("xy", "task")
@@ -96,6 +103,8 @@ class WholeBodyIk:
         """Plant the soles and set the bounds of every problem to come."""
         for task, sole in zip(self._soles, stance.soles, strict=True):
             task.T_world_frame = sole.homogeneous
+        for i, roll in self._rolls.items():
+            roll.R_world_frame = stance.soles[i].rotation
         self._polygon.polygon = list(stance.polygon[::-1].copy())  # clockwise in placo
         self._polygon.margin = bounds.com_margin
         for i, name in enumerate(self._model.joint_names):

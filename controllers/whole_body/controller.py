@@ -33,7 +33,7 @@ from controllers.whole_body.tasks import (
     Task,
 )
 from models.constants import GRAVITY
-from models.robot_model import RobotModel
+from models.robot_model import RobotModel, within
 from models.types import JointCommand, Matrix, Reference, RobotState, SolveStatus, Vector
 
 
@@ -113,7 +113,7 @@ class WholeBodyController:
         for problem in self.builder.problems:
             self.solver.prepare(problem)
         self._contacts: tuple[tuple[bool, ...], tuple[float, ...]] | None = None
-        self._full_areas: Matrix = np.array([foot.rectangle for foot in model.feet])
+        self._full_areas: Matrix = np.array([foot.bearing for foot in model.feet])
         self.areas = self._full_areas.copy()
         self._areas_key: bytes | None = None
         self._known = min(foot.friction for foot in model.feet)  # while the state has no estimate
@@ -170,6 +170,7 @@ class WholeBodyController:
         self._areas_key, self._contacts = key, None
         self.areas[:] = self._full_areas if areas is None else areas
         for contact, area in enumerate(self.areas):
+            area[:] = within(area.tolist(), self.model.feet[contact].bearing)
             self._cones.set_area(contact, area)
         self.builder.set_edges(self.areas)
         return True
@@ -205,6 +206,9 @@ class WholeBodyController:
         return JointCommand(self._joints.copy(), zero, zero), SolveStatus.DAMPED
 
 
+_ROLL = np.eye(6)[3]  #: Row of a foot's task that turns it about its x axis
+
+
 def _uniform_gains(gains: Gains, rows: int) -> tuple[Vector, Vector, Vector]:
     """kp, kd and weight of a task, the same on all of its rows."""
     return np.full(rows, gains.kp), np.full(rows, gains.kd), np.full(rows, gains.weight)
@@ -225,7 +229,10 @@ def _make_tasks(model: RobotModel, config: WholeBodyConfig) -> tuple[BodyTasks, 
         AngularMomentumTask(np.full(3, momentum.kd), momentum_weight, nv),
         FrameOrientationTask("base_orientation", "base_link", *base, nv, lambda reference: reference.base_orientation),
         FrameOrientationTask("torso_orientation", "torso", *torso, nv, lambda reference: reference.torso_orientation),
-        [FootTask(i, foot[0].copy(), foot[1].copy(), foot[2].copy(), nv) for i in range(len(model.feet))],
+        [
+            FootTask(i, foot[0].copy(), foot[1].copy(), foot[2] * (1.0 - side.rolls * _ROLL), nv)
+            for i, side in enumerate(model.feet)
+        ],
         PostureTask(*posture),
     )
     positions = [
@@ -242,7 +249,7 @@ def _make_limits(
     margin = np.minimum(limit.position_margin, 0.25 * (model.q_upper - model.q_lower))
     scale = np.ones(nj)  # of the rows; eliminating the contacts makes those of the legs larger
     for foot in model.feet:
-        scale[np.array(foot.joint_ids_v) - 6] = 0.01
+        scale[np.array(foot.chain_ids_v) - 6] = 0.01
     bounds = JointBounds(
         model.q_lower + margin,
         model.q_upper - margin,

@@ -15,7 +15,7 @@ from controllers.whole_body.tasks import BodyArrays, BodyTasks, Desired, Task, b
 from models.errors import ConfigError
 from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed, unbox
-from models.robot_model import RobotModel
+from models.robot_model import SOLE_JOINTS, RobotModel
 from models.types import Matrix, Reference, Vector
 
 Array = NDArray[np.float64]
@@ -84,8 +84,7 @@ class QPBuilder:
     ``regularisation`` is added to the Hessian's diagonal, ``lookahead`` is the time over which accelerations are
     integrated to the setpoint (1,) [s], settable. ``contact_acceleration`` is the desired one of each contact in its
     frame (contacts, 6); ``stack.wrench_target`` and ``edges``, by ``set_edges``, are set from outside. Raises
-    ``ConfigError`` when two tasks or limits share a name, or a contact has fewer than six joints between it and the
-    base.
+    ``ConfigError`` when two tasks or limits share a name, or a leg has fewer than five joints.
     """
 
     def __init__(
@@ -104,8 +103,8 @@ class QPBuilder:
         _refuse_duplicates("task", (task.name for task in (*tasks, *extra_tasks)))
         _refuse_duplicates("limit", (limit.name for limit in (*limits, *extra_limits)))
         for foot in model.feet:
-            if len(foot.joint_ids_v) < 6:
-                raise ConfigError(f"{model.name}: fewer than six joints between the base and the {foot.name} sole")
+            if len(foot.joint_ids_v) < SOLE_JOINTS - 1:  # one freedom may be missing, that of the roll
+                raise ConfigError(f"{model.name}: fewer than five joints between the hip and the {foot.name} sole")
         self._tasks, self._extra_tasks, self.contacts = tasks, extra_tasks, contacts
         count, nv, nj = len(model.feet), model.nv, model.nj
         stacked = [task for task in (*tasks, *extra_tasks) if task is not tasks.posture]
@@ -132,7 +131,7 @@ class QPBuilder:
         self._turns = (0,) * count
         shared = stack, contacts, self.edges, self.contact_acceleration, regularisation, setpoint
         self._setup = unbox(_Setup(tasks.arrays, limits.arrays, *shared))
-        chains = [foot.joint_ids_v for foot in model.feet]
+        chains = [foot.chain_ids_v for foot in model.feet]
         self._modes: dict[tuple[tuple[bool, ...], tuple[int, ...]], _Mode] = {}
         for active, turns in product(product((False, True), repeat=count), product(range(3), repeat=count)):
             used = tuple(turn if bears else 0 for turn, bears in zip(turns, active, strict=True))

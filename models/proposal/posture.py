@@ -53,6 +53,7 @@ def weak_knees(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: lis
     return found("note", "joint", weak, text, "kept: it may stand and not walk")
 
 
+_PITCH = 0.7  #: Share of an axis across the robot from which a joint pitches [-]
 _HABIT = 1e-3  #: Weight of staying at zero against the tasks
 _SMALL = 5e-4  #: A joint that is closer to zero is left out of the posture [rad]
 
@@ -161,7 +162,7 @@ class PostureSolver:
     def _place_feet(self, knees: list[int], targets: list[float]) -> Vector:
         """Solve for the legs; returns the residuals, rotations first."""
         indices = self._index((*self._legs.left, *self._legs.right))
-        half = [0.5 * (sole.rectangle[0] + sole.rectangle[1]) for sole in self._soles]
+        half = [self._middle(leg, sole) for leg, sole in zip(self._legs.both, self._soles, strict=True)]
         ankles = self._skeleton.origins[[leg[-1] for leg in self._legs.both], 1]
         inner = min(self._soles[0].rectangle[2], -self._soles[1].rectangle[3])
         side = max(0.5 * float(np.ptp(ankles)), 0.5 * self._config.gap - inner)
@@ -191,10 +192,18 @@ class PostureSolver:
         final = least_squares(errors, result.x, bounds=(self._lower[indices] - span, self._upper[indices] + span))
         return np.asarray(errors(final.x))
 
+    def _middle(self, leg: tuple[int, ...], sole: SoleShape) -> float:
+        """Middle of what the ankle can hold of a sole with half the weight, ahead of the ankle [m]."""
+        axes, model = self._skeleton.axes, self._model
+        pitch = next(j for j in reversed(leg) if abs(axes[j][1]) > _PITCH)
+        reach = float(model.effortLimit[model.joints[pitch].idx_v]) / (0.5 * GRAVITY * pin.computeTotalMass(model))
+        return 0.5 * float(max(sole.rectangle[0], -reach) + min(sole.rectangle[1], reach))
+
     def _place_hand(self, arm: tuple[int, ...], side: float) -> None:
         indices = self._index(arm)
         self._forward()
-        length = self._skeleton.reach(list(arm))
+        if not (length := self._skeleton.reach(list(arm))):  # a shoulder alone has no place to choose
+            return
         ahead, outward, up = self._config.hands[0]
         target = self._data.oMi[arm[0]].translation + length * np.array([ahead, side * outward, up])
         start = self._q[indices].copy()

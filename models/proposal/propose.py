@@ -1,4 +1,4 @@
-"""From a URDF to a profile: read, repair, find limbs and soles, and choose drives where the maker gives no data.
+"""From a URDF or MJCF to a profile: read, repair, find limbs and soles, choose drives where the maker gives no data.
 
 With mass m, height h of the CoM, gravity g and the torque limit tau of a joint,
 
@@ -6,12 +6,13 @@ With mass m, height h of the CoM, gravity g and the torque limit tau of a joint,
 
 so that robots of one shape and of different sizes behave alike (all terms scale with mass and length as they must).
 a, k and T lie between those of the G1 and of TALOS. kd stays below c I / dt, with the inertia I = 1 / (M^-1)_ii at
-the joint and the tick dt of its driver: beyond, the sampled velocity gain of a light wrist oscillates.
+the joint and the tick dt of its driver: beyond, the sampled velocity gain of a light wrist oscillates. Armature and
+friction that an MJCF file gives are taken over.
 """
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,17 +26,17 @@ from models.profile import Feet, Joint, Motor, Profile, Sensors, Sole, load_prof
 from models.proposal.config import DriveConfig, ProposalConfig
 from models.proposal.posture import PostureSolver
 from models.proposal.repair import BASE_LINK, placeholders, rename_links, repair_inertias, repair_joints
-from models.proposal.shapes import Finding, end, found, repair_meshes
+from models.proposal.shapes import Description, DriveData, Finding, end, found, repair_meshes
 from models.proposal.skeleton import BASE, Legs, Skeleton, asymmetries, find_legs, find_limbs, named_left
 from models.proposal.soles import SoleShape, find_sole, foot_points, propose_hulls
 from models.types import Vector
-from models.urdf import parse_urdf, pinocchio_from_element
+from models.urdf import parse_description, pinocchio_from_element
 
 
 def propose_drives(
-    skeleton: Skeleton, height: float, config: DriveConfig
+    skeleton: Skeleton, height: float, config: DriveConfig, given: Mapping[str, DriveData]
 ) -> tuple[dict[str, Motor], dict[str, Joint], list[Finding]]:
-    """Motors and joints by name for a CoM height [m]; findings name implausible friction in the URDF."""
+    """Motors and joints by name for a CoM height [m] and ``given`` data; findings name implausible friction."""
     model = skeleton.model
     mass = float(pin.computeTotalMass(model))
     inertias = _joint_inertias(skeleton)
@@ -44,8 +45,9 @@ def propose_drives(
     implausible: list[str] = []
     for j in range(BASE + 1, model.njoints):
         v = int(model.joints[j].idx_v)
-        twin = skeleton.partners.get(j, j)
-        if skeleton.name(twin) in joints and model.effortLimit[v] == model.effortLimit[int(model.joints[twin].idx_v)]:
+        twin, data = skeleton.partners.get(j, j), given.get(skeleton.name(j))
+        alike = model.effortLimit[v] == model.effortLimit[int(model.joints[twin].idx_v)]
+        if skeleton.name(twin) in joints and alike and data == given.get(skeleton.name(twin)):
             joints[skeleton.name(j)] = joints[skeleton.name(twin)]
             continue
         torque = float(model.effortLimit[v])
@@ -58,6 +60,7 @@ def propose_drives(
                 config.armature_max * mass * height**2,
             )
         )
+        armature = data.armature if data is not None and data.armature > 0.0 else _rounded(armature)
         decay = config.damping_time * np.sqrt(height / GRAVITY)
         stiffness = config.stiffness * np.sqrt(effective * weight)
         damping = min(decay * stiffness, config.damping_max * (float(inertias[v]) + armature) / config.tick)
@@ -65,10 +68,13 @@ def propose_drives(
         viscous, dry = float(model.damping[v]), float(model.friction[v])
         if viscous > cap or dry > cap:
             implausible.append(skeleton.name(j))
+        friction = [_rounded(min(value, cap) if value > 0.0 else 0.5 * cap) for value in (viscous, dry)]
+        if data is not None and (data.damping > 0.0 or data.frictionloss > 0.0):
+            friction = [data.damping, data.frictionloss]
         motor = Motor(
-            armature=_rounded(armature),
-            damping=_rounded(min(viscous, cap) if viscous > 0.0 else 0.5 * cap),
-            frictionloss=_rounded(min(dry, cap) if dry > 0.0 else 0.5 * cap),
+            armature=armature,
+            damping=friction[0],
+            frictionloss=friction[1],
             torque_rate=_rounded(torque / config.rise),
             kp=_rounded(damping / decay),
             kd=_rounded(damping),
@@ -125,12 +131,13 @@ class Proposal:
 
 
 def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | None = None) -> Proposal:
-    """Propose a profile for a robot of which only the URDF is given; ``RobotModelError`` when that is unusable."""
+    """Propose a profile for a robot of which only a URDF or MJCF is given; ``RobotModelError`` if it is unusable."""
     urdf = urdf.expanduser().resolve()
     config = config or default_config(ProposalConfig, "models", "proposal")
-    robot = parse_urdf(urdf)
-    findings = [*repair_joints(robot, config.repair), *rename_links(robot)]
-    changed = bool(findings) or bool(packages)
+    source = _read(urdf)
+    robot = source.robot
+    findings = [*source.findings, *repair_joints(robot, config.repair), *rename_links(robot)]
+    changed = bool(findings) or bool(packages) or bool(source.drives)
     mesh_findings, replaced = repair_meshes(robot, urdf, [folder.expanduser().resolve() for folder in packages])
     findings += mesh_findings
     inertias = repair_inertias(robot, Skeleton(pinocchio_from_element(robot, urdf, bodies=False), config.sole.mirror))
@@ -150,7 +157,7 @@ def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | 
     floor = float((skeleton.place(left.link) * left.placement).translation[2])
     limbs = find_limbs(robot, skeleton, legs, floor)
     standing = PostureSolver(skeleton, legs, soles, config.posture).solve(limbs.arms)
-    motors, joints, friction = propose_drives(skeleton, standing.com_height, config.drive)
+    motors, joints, friction = propose_drives(skeleton, standing.com_height, config.drive, source.drives)
     findings += [*limbs.findings, *standing.findings, *friction]
     mass = float(pin.computeTotalMass(skeleton.model))
     profile = Profile(
@@ -177,6 +184,15 @@ def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | 
         standing.com_height,
         skeleton.reach(list(legs.left)),
     )
+
+
+def _read(path: Path) -> Description:
+    root = parse_description(path)
+    if root.tag == "robot":
+        return Description(root)
+    from models.proposal.mjcf import read_mjcf  # needs mujoco, which the laws do without
+
+    return read_mjcf(path)
 
 
 def _root(robot: ET.Element) -> str:

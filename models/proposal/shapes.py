@@ -2,8 +2,8 @@
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -12,7 +12,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from models.errors import RobotModelError
 from models.types import Matrix, Vector
 from models.urdf import resolve_uri
 
@@ -28,6 +27,24 @@ class Finding:
     culprit: str  # joint, link or file, as in "joint 'left_knee'"
     fault: str  # missing or wrong part
     remedy: str  # in the proposal
+
+
+@dataclass(frozen=True, slots=True)
+class DriveData:
+    """What a description says of a joint's drive; zero where it does not."""
+
+    armature: float  # rotor inertia reflected to the joint [kg.m^2]
+    damping: float  # [N.m.s/rad]
+    frictionloss: float  # [N.m]
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A robot as its maker describes it."""
+
+    robot: ET.Element  # the ``<robot>`` element of a URDF
+    drives: Mapping[str, DriveData] = field(default_factory=dict)  # by joint; a URDF has none
+    findings: tuple[Finding, ...] = ()
 
 
 def named(kind: str, names: Iterable[str]) -> str:
@@ -113,6 +130,7 @@ def longest_chain(robot: ET.Element) -> float:
     return max((length(link) for link in joints), default=0.0)
 
 
+MISSING = "mesh files are missing: a foot has the shape of what is left, and nothing keeps clear of the rest"
 _STL_HEAD, _STL_FACE = 84, 50  #: Bytes of a binary STL file before its faces, and of a face
 _STL_FACES = 200_000  #: Most faces of an STL file that MuJoCo takes
 _ROUND = 24  #: Points on the rim of a cylinder
@@ -127,14 +145,14 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
     Pinocchio's reader leaves a Collada mesh with y up lying; the origin of such a shape is turned by the missing
     quarter turn. A visual that MuJoCo has no decoder for becomes the box of its bounds, and so does a textual STL
     anywhere, since a collision shape is drawn where there is no visual. Any other collision shape stays as long as
-    Pinocchio reads it. Relative references start from ``urdf``; ``package://`` is searched in ``packages`` first.
-    Returns the findings, and whether a shape was replaced or dropped. Raises ``RobotModelError`` when a mesh file does
-    not exist, link and file are named.
+    Pinocchio reads it. Relative references start from ``urdf``; ``package://`` is searched in ``packages`` first. What
+    does not exist is dropped. Returns the findings, and whether a shape was replaced or dropped.
     """
     boxed: dict[str, list[str]] = {}
     dropped: dict[str, list[str]] = {}
     shells: list[str] = []
     lying: list[str] = []
+    missing: list[str] = []
     for link in robot.findall("link"):
         name = link.get("name", "")
         for shape in (*link.findall("visual"), *link.findall("collision")):
@@ -143,8 +161,9 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
                 continue
             file = resolve_uri(mesh.get("filename", ""), urdf.parent, packages)
             if not file.is_file():
-                advice = "give the folder of its package with --package-dir"
-                raise RobotModelError(f"{urdf}: link '{name}': mesh {mesh.get('filename')!r} is missing; {advice}")
+                link.remove(shape)
+                missing.append(name)
+                continue
             mesh.set("filename", str(file))
             vertices, volume = _mesh(str(file))
             suffix = file.suffix.lower()
@@ -159,7 +178,8 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
                 boxed.setdefault(suffix, []).append(name)
             elif shape.tag == "visual" and volume < _FLAT:
                 shells.append(name)
-    findings: list[Finding] = []
+    remedy = "left out; give the folder of their package with --package-dir"
+    findings = found("wrong", "link", missing, MISSING, remedy)
     for suffix, names in dropped.items():
         findings += found("note", "link", names, f"{suffix} meshes cannot be read", "dropped")
     for suffix, names in boxed.items():
@@ -168,7 +188,7 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
     text = "Collada meshes with y up, which Pinocchio leaves lying"
     findings += found("note", "link", lying, text, "turned up")
     findings += found("note", "link", shells, "meshes without volume", "drawn as shells")
-    return findings, bool(boxed or dropped or lying)
+    return findings, bool(boxed or dropped or lying or missing)
 
 
 def _drawable(file: Path) -> bool:

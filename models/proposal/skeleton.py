@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from models.constants import FOOT_NAMES
 from models.errors import RobotModelError
 from models.profile import Frame
 from models.proposal.shapes import Finding, found, link_points, links_by_name, named
@@ -97,14 +98,15 @@ class Skeleton:
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-LEG_JOINTS = 6  #: Joints that a leg needs to keep its sole flat wherever the base goes
+#: Joints that a leg needs: with six its sole stays flat wherever the base goes, with five it rolls with the leg
+LEG_JOINTS = 5
 _LEFT = re.compile(r"(?:^|[_\-.])l(?:eft)?(?:[_\-.]|$)|^L(?=[A-Z])|^LLEG|(?i:left)")
 _RIGHT = re.compile(r"(?:^|[_\-.])r(?:ight)?(?:[_\-.]|$)|^R(?=[A-Z])|^RLEG|(?i:right)")
 
 
 @dataclass(frozen=True, slots=True)
 class Legs:
-    """Joints of the left and the right leg from base to foot, by Pinocchio's index."""
+    """Joints of the left and the right leg from hip to foot, by Pinocchio's index; joints above move both."""
 
     left: tuple[int, ...]
     right: tuple[int, ...]
@@ -116,34 +118,40 @@ class Legs:
 
 
 def find_legs(skeleton: Skeleton, urdf: Path) -> Legs:
-    """The two mirrored chains from the base that reach lowest, left at +y; ``RobotModelError`` if there are none."""
+    """The two mirrored chains that reach lowest, below the last joint of both; left is at +y.
+
+    Raises ``RobotModelError`` if there are none.
+    """
     base = skeleton.links(BASE)[0]
     leaves = [
         j
         for j in range(BASE + 1, skeleton.model.njoints)
         if not skeleton.children[j] and skeleton.origins[j][1] > 0.0 and skeleton.partners.get(j, j) != j
     ]
-    hanging = [j for j in leaves if _hangs(skeleton, j)]
+    hanging = {j: chain for j in leaves if (chain := _hanging(skeleton, j))}
     if not hanging:
         raise RobotModelError(
-            f"{urdf}: no feet: no two mirrored chains of joints hang down from the base '{base}'{_unpaired(skeleton)}"
+            f"{urdf}: no feet: no two mirrored chains of joints hang down from the base '{base}' or from a joint on "
+            f"its middle plane{_unpaired(skeleton)}"
         )
-    foot = min(hanging, key=lambda j: (round(float(skeleton.origins[j][2]), 3), -len(skeleton.chain(j))))
-    left = tuple(skeleton.chain(foot))
+    foot = min(hanging, key=lambda j: (round(float(skeleton.origins[j][2]), 3), -len(hanging[j])))
+    left = hanging[foot]
     right = tuple(skeleton.partners[j] for j in left)
     if len(left) < LEG_JOINTS:
         raise RobotModelError(
-            f"{urdf}: no feet: the leg that ends at joint '{skeleton.name(foot)}' has {len(left)} joints, and a sole "
-            f"stays flat with {LEG_JOINTS}"
+            f"{urdf}: no feet: the leg that ends at joint '{skeleton.name(foot)}' has {len(left)} joints, and a leg "
+            f"that a robot can stand on has at least {LEG_JOINTS}"
         )
     return Legs(left, right)
 
 
-def _hangs(skeleton: Skeleton, joint: int) -> bool:
-    """Whether a chain leads down to a joint and shares nothing but the base with its mirror image."""
+def _hanging(skeleton: Skeleton, joint: int) -> tuple[int, ...]:
+    """The chain down to a joint that shares nothing with its mirror image; empty unless it leads below the base."""
     chain = skeleton.chain(joint)
-    down = skeleton.origins[joint][2] < skeleton.origins[chain[0]][2] - 0.5 * skeleton.reach(chain)
-    return bool(down) and not any(map(skeleton.central, chain))
+    shared = [i for i, each in enumerate(chain) if skeleton.central(each)]
+    chain = chain[shared[-1] + 1 :] if shared else chain
+    top = min(float(skeleton.origins[chain[0]][2]), 0.0)
+    return tuple(chain) if skeleton.origins[joint][2] < top - 0.5 * skeleton.reach(chain) else ()
 
 
 def _unpaired(skeleton: Skeleton) -> str:
@@ -196,6 +204,8 @@ _CAMERA = re.compile(r"camera|rgbd|realsense|d435|zed|gaze|eye", re.IGNORECASE)
 _HEAD = re.compile(r"head|face", re.IGNORECASE)
 _IMU = re.compile(r"imu|gyro|accelero|inertial_unit", re.IGNORECASE)
 
+_FOREARM = 0.6  #: Length of what the last joint of an arm moves, over the arm's reach, from which it is a forearm [-]
+_TIP = 0.1  #: Part of it, from its far end, in whose middle the hand is [-]
 _IMU_REACH = 0.5  #: How far from the base an IMU may be, over the leg's length [-]
 _HEAD_ABOVE = 1.2  #: Height of a head that no link shows, over that of the shoulders above the soles [-]
 
@@ -213,40 +223,58 @@ class Limbs:
 def find_limbs(robot: ET.Element, skeleton: Skeleton, legs: Legs, floor: float) -> Limbs:
     """Find arms, torso, head and IMU; ``floor`` is the height of the soles in the base at zero [m]."""
     findings: list[Finding] = []
-    left = _arm(skeleton, legs)
-    arms = left, tuple(skeleton.partners[j] for j in left)
-    torso = _trunk(skeleton, left)
+    arms = _arms(skeleton, legs)
+    first = arms[0] or arms[1]
+    torso = _trunk(skeleton, first)
     frames = {"torso": Frame(link=skeleton.links(torso)[0])}
-    if not left:
-        text = "no arms: no two mirrored chains of joints outside the legs"
-        findings.append(
-            Finding("wrong", f"link '{skeleton.links(BASE)[0]}'", text, "l_wrist and r_wrist placed on the torso")
-        )
-    shoulder = skeleton.origins[left[0]][2] if left else skeleton.origins[torso][2]
+    for side, arm in zip(FOOT_NAMES, arms, strict=True):
+        if not arm:
+            text = f"no {side} arm: no chain of joints on that side outside the legs"
+            remedy = f"{side[0]}_wrist placed on the torso; motions take the other arm, or are refused"
+            findings.append(Finding("note", f"link '{skeleton.links(torso)[0]}'", text, remedy))
+    shoulder = skeleton.origins[first[0]][2] if first else skeleton.origins[torso][2]
     frames["gaze"] = _gaze(robot, skeleton, torso, floor + _HEAD_ABOVE * (float(shoulder) - floor), findings)
     for name, chain in zip(("l_wrist", "r_wrist"), arms, strict=True):
-        frames[name] = Frame(link=skeleton.links(chain[-1] if chain else torso)[0])
+        frames[name] = _hand(robot, skeleton, chain) if chain else Frame(link=skeleton.links(torso)[0])
     frames["imu"] = _imu(skeleton, torso, skeleton.reach(list(legs.left)), findings)
     return Limbs(arms, torso, frames, tuple(findings))
 
 
-def _arm(skeleton: Skeleton, legs: Legs) -> tuple[int, ...]:
-    """The left one of the two mirrored chains with the longest reach, up to where the fingers branch off."""
+def _arms(skeleton: Skeleton, legs: Legs) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The two mirrored chains with the longest reach, up to where the fingers branch off; else that without a mirror.
+
+    Left is at +y; a side without an arm is empty.
+    """
     shoulders = [
         j
-        for j, other in skeleton.partners.items()
-        if j != other
-        and j not in legs.left
-        and skeleton.origins[j][1] > skeleton.origins[other][1]
+        for j in range(BASE + 1, skeleton.model.njoints)
+        if not skeleton.central(j)
+        and j not in (*legs.left, *legs.right)
         and (skeleton.model.parents[j] == BASE or skeleton.central(int(skeleton.model.parents[j])))
     ]
-    chains = []
+    chains: list[tuple[int, ...]] = []
     for joint in shoulders:
-        chain = [joint]
-        while len(skeleton.children[chain[-1]]) == 1 and skeleton.children[chain[-1]][0] in skeleton.partners:
-            chain.append(skeleton.children[chain[-1]][0])
+        chain, mirrored = [joint], joint in skeleton.partners
+        while len(below := skeleton.children[chain[-1]]) == 1 and (below[0] in skeleton.partners) == mirrored:
+            chain.append(below[0])
         chains.append(tuple(chain))
-    return max(chains, key=lambda chain: skeleton.reach(list(chain)), default=())
+    pairs = [chain for chain in chains if chain[0] in skeleton.partners]
+    longest = max(pairs or chains, key=lambda chain: (skeleton.reach(list(chain)), len(chain)), default=())
+    other = tuple(skeleton.partners[j] for j in longest) if longest and longest[0] in skeleton.partners else ()
+    on_left = bool(longest) and skeleton.origins[longest[0]][1] > 0.0
+    return (longest, other) if on_left else (other, longest)
+
+
+def _hand(robot: ET.Element, skeleton: Skeleton, arm: tuple[int, ...]) -> Frame:
+    """The last joint of an arm; the far end of what it moves where that is long, as below a last joint at the elbow."""
+    link, elements = skeleton.links(arm[-1])[0], links_by_name(robot)
+    points = np.vstack([np.zeros((0, 3)), *(skeleton.points(elements[name]) for name in skeleton.links(arm[-1]))])
+    distances = np.linalg.norm(points - skeleton.origins[arm[-1]], axis=1)
+    if not len(points) or distances.max() < _FOREARM * skeleton.reach(list(arm)):
+        return Frame(link=link)
+    end = points[distances > (1.0 - _TIP) * distances.max()].mean(axis=0)
+    x, y, z = (round(float(value), 3) + 0.0 for value in skeleton.place(link).actInv(end))
+    return Frame(link=link, xyz=(x, y, z))
 
 
 def _trunk(skeleton: Skeleton, arm: tuple[int, ...]) -> int:

@@ -13,6 +13,7 @@ from models.profile import Hull
 from models.proposal.config import SoleConfig
 from models.proposal.shapes import Finding, link_points, links_by_name
 from models.proposal.skeleton import BASE, Legs, Limbs, Skeleton
+from models.robot_model import SOLE_JOINTS
 from models.types import Matrix, Vector
 
 _WIDER = (1.0, 2.5, 5.0)  #: Factors on the band of points that belong to a sole, tried until they span an area
@@ -72,7 +73,14 @@ def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], confi
         rotation = np.column_stack([forward, np.cross(-normal, forward), -normal])
         local = points @ rotation  # in the axes of the sole
         depth = -float(local[:, 2].min())
-        rectangle = _outline(local, config, length, f"{urdf}: no feet: link '{link}'", findings, link)
+        least = length * config.length_min, length * config.width_min if len(leg) >= SOLE_JOINTS else 0.0
+        rectangle = _outline(local, config, least, f"{urdf}: no feet: link '{link}'", findings, link)
+    if len(leg) < SOLE_JOINTS:
+        width = 1e3 * (rectangle[3] - rectangle[2])
+        text = f"{len(leg)} joints do not hold the sole against rolling: it bears on a line, and steps balance sideways"
+        findings.append(
+            Finding("note", f"link '{link}'", text, f"{width:.0f} mm wide; the wider, the more a walk drifts")
+        )
     in_base = pin.SE3(rotation, skeleton.origins[ankle] - depth * rotation[:, 2])
     return SoleShape(link, skeleton.place(link).actInv(in_base), rectangle, tuple(findings))
 
@@ -93,8 +101,9 @@ def _face(points: Matrix) -> Vector:
 
 
 def _outline(
-    points: Matrix, config: SoleConfig, length: float, where: str, findings: list[Finding], link: str
+    points: Matrix, config: SoleConfig, least: tuple[float, float], where: str, findings: list[Finding], link: str
 ) -> tuple[float, float, float, float]:
+    """The largest rectangle, longer and wider than ``least`` [m]."""
     low = points[:, 2].min()
     size = (0.0, 0.0)
     for wider in _WIDER:
@@ -104,14 +113,14 @@ def _outline(
             continue
         x_min, x_max, y_min, y_max = rectangle + config.inset * np.array([1.0, -1.0, 1.0, -1.0])
         size = max(x_max - x_min, 0.0), max(y_max - y_min, 0.0)
-        if size[0] > config.length_min * length and size[1] > config.width_min * length:
+        if size[0] > least[0] and size[1] > least[1]:
             if wider > 1.0:
                 text = f"the sole is not flat: it needs its lowest {1e3 * wider * config.band:.0f} mm"
                 findings.append(Finding("wrong", f"link '{link}'", text, "taken as flat"))
             return round(x_min, 4), round(x_max, 4), round(y_min, 4), round(y_max, 4)
     raise RobotModelError(
         f"{where} has no flat sole: {1e3 * size[0]:.0f} x {1e3 * size[1]:.0f} mm, at least "
-        f"{1e3 * config.length_min * length:.0f} x {1e3 * config.width_min * length:.0f} mm"
+        f"{1e3 * least[0]:.0f} x {1e3 * least[1]:.0f} mm"
     )
 
 

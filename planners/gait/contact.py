@@ -61,7 +61,7 @@ class Soles:
 
     def __init__(self, model: RobotModel, config: GaitConfig) -> None:
         self._config = config
-        rectangles = [foot.rectangle for foot in model.feet]
+        rectangles = [foot.bearing for foot in model.feet]
         self.centres = np.array([(0.5 * (r[0] + r[1]), 0.5 * (r[2] + r[3])) for r in rectangles])
         self.half = np.array([(0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])) for r in rectangles])
         self.points = config.zmp * self.centres  # the frame of a sole is under its ankle

@@ -89,9 +89,12 @@ def urgency_after(urgency: float, error: float, dt: float, config: PaceConfig) -
 
 
 def lost_share(areas: Matrix, half: Matrix) -> float:
-    """Largest share of a sole that does not bear, from the parts that do (2, 4) and the half sizes (2, 2) [m]."""
+    """Largest share of a sole that does not bear, from the parts that do (2, 4) and the half sizes (2, 2) [m].
+
+    Of a sole without half width, which rolls anyway, the length counts.
+    """
     bearing = (
-        (high_x - low_x) * (high_y - low_y) / (4.0 * length * width)
+        (high_x - low_x) / (2.0 * length) * ((high_y - low_y) / (2.0 * width) if width > 0.0 else 1.0)
         for (low_x, high_x, low_y, high_y), (length, width) in zip(areas.tolist(), half.tolist(), strict=True)
     )
     return max(1.0 - float(min(bearing)), 0.0)

@@ -206,8 +206,14 @@ def _momentum(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matri
     """Angular momentum about the CoM per twist of a foot, moved by its leg alone, in W (3, 6)."""
     pin.computeCentroidalMap(model.pin, data, q)
     jacobian = _jacobian(model, data, q, foot)
-    momentum: Matrix = data.Ag[3:, np.array(foot.joint_ids_v)] @ np.linalg.inv(jacobian)
+    momentum: Matrix = data.Ag[3:, np.array(foot.joint_ids_v)] @ _solve(jacobian, np.eye(6))
     return momentum
+
+
+def _solve(jacobian: Matrix, right: Matrix) -> Matrix:
+    """Motion of a leg's joints for one of its foot; of a leg with other than six joints that of least squares."""
+    square = jacobian.shape[0] == jacobian.shape[1]
+    return np.asarray(np.linalg.solve(jacobian, right) if square else np.linalg.lstsq(jacobian, right)[0], dtype=float)
 
 
 def _jacobian(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matrix:
@@ -232,5 +238,5 @@ def _pose_foot(model: RobotModel, data: pin.Data, q: Vector, foot: Foot, shift: 
         error = np.concatenate([target.translation - here.translation, turn])
         if np.linalg.norm(error) < _TOLERANCE:
             return posed
-        posed[joints] += np.linalg.solve(jacobian, error)
+        posed[joints] += _solve(jacobian, error)
     raise RobotModelError(f"{model.name}: the {foot.name} foot cannot be moved by {shift.round(3)} m from 'stand'")

@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "bridge": {"models", "planners", "controllers", "bridge"},
     "benchmarks": {"models", "planners", "controllers", "bridge", "benchmarks"},
 }
-MUJOCO_FILES = ("models/mujoco_model.py", "models/mujoco_spec.py")
+MUJOCO_FILES = ("models/mujoco_model.py", "models/mujoco_spec.py", "models/proposal/mjcf.py")
 FILES_MAX = 25  #: Python files of a folder
 ROS_SUFFIXES = ("_msgs", "_srvs", "_interfaces")
 

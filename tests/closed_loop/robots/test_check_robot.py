@@ -16,6 +16,7 @@ from models.proposal.profile_text import write_proposal
 from models.proposal.propose import propose
 from models.robot_model import RobotModel
 from models.urdf import data_folder
+from tests.humanoids import Humanoid
 
 RUNNER = CliRunner()
 ROBOTS = data_folder() / "robots"
@@ -45,6 +46,13 @@ def test_the_verdict_asks_for_standing_and_waving(g1: RobotModel) -> None:
 
     assert passed(stand=True, wave=True) and passed(stand=True, squat=False, wave=True, walk=False)
     assert not passed(stand=True, wave=False) and not passed(stand=False, wave=True) and not passed(stand=True)
+
+
+def test_a_robot_without_arms_need_not_wave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[str] = []
+    monkeypatch.setattr(Trials, "_try", lambda self, name, trial: tried.append(name) or Trial(name, True, ""))
+    verdict = check_robot(Humanoid(arms=()).write(tmp_path), tmp_path / "mine.yaml")
+    assert tried == ["stand", "squat", "walk"] and verdict.passed and verdict.needed == ("stand",)
 
 
 def test_long_lists_are_cut() -> None:
