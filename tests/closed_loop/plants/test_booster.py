@@ -8,9 +8,11 @@ import pytest
 
 from bridge.driver.startup import StartState
 from bridge.hardware_loop import BoosterLoop, Process
+from bridge.launch.ending import EndConfig
 from bridge.plants.booster.codec import CUSTOM, DAMPING, PREPARE, BoosterCodec, read_config
 from bridge.plants.booster.plant import BoosterPlant
 from bridge.plants.hardware import RobotClock
+from models.config import default_config
 from models.errors import CommandError, ConfigError, PoiseError
 from models.robot_model import RobotModel
 from models.types import JointCommand, Mode
@@ -87,6 +89,19 @@ def test_the_end_leaves_the_robot_in_its_own_damping(loop: BoosterLoop, tmp_path
     assert (tmp_path / "marker").exists()
     loop.plant.close()
     assert loop.side.mode == DAMPING and not (tmp_path / "marker").exists()
+
+
+def test_a_robot_that_is_lowered_sinks_and_ends_in_its_own_damping(standing: BoosterLoop) -> None:
+    ending, height = default_config(EndConfig, "bridge", "ending"), standing.side.base[2]
+    standing.command(ending.motion)
+    standing.run(5.0)
+    assert standing.startup.state is StartState.STAND and standing.side.base[2] < 0.6 * height
+    standing.startup.relax()
+    standing.run(ending.sink_time)
+    assert standing.startup.state is StartState.DAMPED and "lowered" in standing.startup.reason
+    assert standing.side.base[2] < 0.3 * height and damping(standing)
+    standing.plant.close()
+    assert standing.side.mode == DAMPING
 
 
 def test_the_remote_controller_damps_within_10_ms(standing: BoosterLoop) -> None:
