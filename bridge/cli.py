@@ -128,7 +128,8 @@ def up(
         typer.Option(help="Simulated time waits for late commands (yield), or does not (strict)."),
     ] = "yield",
     plant: Annotated[
-        str, typer.Option(help="The robot: mujoco, unitree, ros2_control, an installed plant, or module:Class.")
+        str,
+        typer.Option(help="The robot: mujoco, unitree, booster, ros2_control, an installed one, or module:Class."),
     ] = "mujoco",
     plant_options: Annotated[str, typer.Option(help="Arguments of another plant: YAML in braces, or a file.")] = "",
     network_interface: Annotated[

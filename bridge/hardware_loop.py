@@ -12,6 +12,9 @@ from bridge.driver.startup import StartState, Startup
 from bridge.loop.lockstep import PlantMonitor
 from bridge.loop.log import LoopLog
 from bridge.plants.base import HardwarePlant
+from bridge.plants.booster.guard import BoosterGuard
+from bridge.plants.booster.plant import BoosterPlant
+from bridge.plants.booster.simulated import BoosterRobot, DirectBoosterLink
 from bridge.plants.config import LoopConfig
 from bridge.plants.gantry import STEP, HangingRobot, StepLink
 from bridge.plants.guard import SilenceGuard
@@ -246,6 +249,32 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
         link, robot = DirectLink(side, delay), RobotModel.load(laws)
         plant = UnitreePlant(robot, rate=rate, marker=str(marker), link=link)
         super().__init__(robot, side, link, plant, DampingGuard(robot), record_period)
+        link.receivers.append(self._on_command)
+
+    def _on_command(self, data: bytes) -> None:
+        if Process.GUARD in self.running:
+            self.guard.receive(data, self.t)
+
+
+class BoosterLoop(PlantLoop[BoosterRobot, DirectBoosterLink, BoosterPlant, BoosterGuard]):
+    """A robot behind Booster's protocol.
+
+    Args:
+        marker: File that marks an unfinished run.
+        laws: Profile of the laws and drivers, by name or path.
+        robot: Profile of the simulated robot.
+        seed: Of the sensor noise.
+        delay: From a state to its command in force [ms].
+        settings: Options of the plant, as in ``bridge/config/booster.yaml``.
+    """
+
+    def __init__(
+        self, marker: Path, *, laws: str | Path, robot: str | Path, seed: int = 0, delay: int = 2, **settings: Any
+    ) -> None:
+        side = BoosterRobot(str(robot), settings=settings, seed=seed)
+        link, model = DirectBoosterLink(side, delay), RobotModel.load(laws)
+        plant = BoosterPlant(model, marker=str(marker), link=link, **settings)
+        super().__init__(model, side, link, plant, BoosterGuard(model, settings))
         link.receivers.append(self._on_command)
 
     def _on_command(self, data: bytes) -> None:

@@ -233,10 +233,7 @@ class Thresholds:
 class Hardware:
     """What the monitors of a real robot compare its state with."""
 
-    mode_machine: Annotated[int, Field(ge=0, le=255)]  #: type that the robot reports, of these joints [1]
-    switcher_version: str  #: of the robot's motion switcher, which releases its controller; where it names one
     motor_temperature: Thresholds  #: winding or housing of the hottest motor [degC]
-    voltage: Thresholds  #: supply of the lowest drive; 0 counts as not measured [V]
     lost_packets: Thresholds  #: share of states that did not arrive within a second [-]
     torque_saturation: Thresholds  #: share of a second in which a joint is at its torque limit [-]
     saturation: Share  #: part of a joint's torque limit from which on it is at the limit [-]
@@ -244,6 +241,10 @@ class Hardware:
     motor_error: Literal["warn", "hold", "damp"]  #: what an error word of a drive leads to
     stop_buttons: Annotated[tuple[str, ...], Field(min_length=1)]  #: each of which, on the remote controller, damps
     persistence: Positive  #: for how long a value must be beyond a threshold [s]
+    #: supply of the lowest drive; 0 counts as not measured; none for a robot that does not measure it [V]
+    voltage: Thresholds | None = None
+    mode_machine: Annotated[int, Field(ge=0, le=255)] | None = None  #: Unitree: type that the robot reports [1]
+    switcher_version: str = ""  #: Unitree: of the motion switcher, which releases its controller; where it names one
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -111,6 +111,11 @@ def frame_named(name: str) -> str:
     return frame
 
 
+def tilt_of(q: Vector) -> float:
+    """Angle of the base from upright, of a configuration (nq,) [rad]."""
+    return float(np.arccos(np.clip(1.0 - 2.0 * (q[3] ** 2 + q[4] ** 2), -1.0, 1.0)))
+
+
 def planted_target(
     model: RobotModel,
     joints: Vector,

@@ -9,7 +9,7 @@ from models.errors import UnreachableError
 from models.robot_model import RobotModel
 from models.types import Vector
 from planners.collision import SelfCollision
-from planners.goals import FrameGoal, PoseGoal, Stance
+from planners.goals import FrameGoal, PoseGoal, Stance, tilt_of
 from planners.motion_config import MotionConfig
 from planners.whole_body_ik import Bounds, WholeBodyIk, chain
 
@@ -67,6 +67,7 @@ class KeyPoseSolver:
             lower=np.minimum(self._model.q_lower + limits.joint_margin, known.min(axis=0)),
             upper=np.maximum(self._model.q_upper - limits.joint_margin, known.max(axis=0)),
             com_margin=min(balance.com_margin, margin),
+            base_tilt=max(balance.base_tilt, tilt_of(stance.q)),
             gaps=gaps,
         )
 

@@ -16,7 +16,7 @@ from models.robot_model import RobotModel
 from models.spline import min_jerk
 from models.types import JointTrajectory, Matrix, Vector
 from planners.collision import SelfCollision
-from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal, Stance, plant, rotation, stand_on, vector
+from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal, Stance, plant, rotation, stand_on, tilt_of, vector
 from planners.key_pose import KeyPoseSolver
 from planners.library import SIDES, START, FrameTarget, KeyPose, Motion, load_library, mirrored
 from planners.motion_config import MotionConfig
@@ -84,6 +84,10 @@ def check_path(
             raise UnreachableError(
                 f"after {time:.2f} s the soles would move against each other by {slip:.4f} m and {turn:.4f} rad: no "
                 "leg posture within the joint limits keeps both planted"
+            )
+        if (tilt := tilt_of(q)) > bounds.base_tilt + _ROUNDING:
+            raise UnreachableError(
+                f"after {time:.2f} s the base would tilt by {tilt:.2f} rad, at most {bounds.base_tilt:.2f} rad"
             )
         margin = stance.margin(np.array(pin.centerOfMass(model.pin, data, q)))
         if margin < bounds.com_margin - _SLACK:

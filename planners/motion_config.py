@@ -29,6 +29,7 @@ class BalanceConfig:
     sole_step: Positive  #: sole above the mean plane at the start [m]
     sole_drift: Positive  #: change of the distance between the soles [m]
     sole_turn: Positive  #: change of the angle between the soles [rad]
+    base_tilt: Positive  #: of the base [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -44,6 +44,7 @@ class Bounds:
     lower: Vector  # joint limits, margins included (nj,) [rad]
     upper: Vector
     com_margin: float  # distance of the CoM from the edge of the support polygon [m]
+    base_tilt: float  # of the base from upright [rad]
     gaps: Vector  # least distance of each pair of bodies (pairs,) [m]
 
 

@@ -11,8 +11,8 @@ from bridge.ros.processes import RATED_NODES
 from models.config import default_config, overlaid
 from models.errors import ConfigError
 
-UNITREE, ROS2_CONTROL = "unitree", "ros2_control"
-PLANTS = (UNITREE, ROS2_CONTROL)  #: Plants of real robots, by name
+UNITREE, BOOSTER, ROS2_CONTROL = "unitree", "booster", "ros2_control"
+PLANTS = (UNITREE, BOOSTER, ROS2_CONTROL)  #: Plants of real robots, by name
 #: Profile of the real robot by that of the simulated one
 PROFILES = {"g1": "g1_hardware", "talos": "talos_hardware"}
 UNITREE_RATE = 500  #: [Hz]
@@ -32,8 +32,8 @@ def hardware_options(
     ``plant`` is one of ``PLANTS``. ``rate`` [Hz] and ``at_end`` may be among the options of the plant instead. Raises
     ``ConfigError``, which says what is missing, or which two values contradict each other.
     """
-    if plant == UNITREE and not interface:
-        raise ConfigError("--plant unitree needs --network-interface: that of this computer to the robot, such as eth0")
+    if plant != ROS2_CONTROL and not interface:
+        raise ConfigError(f"--plant {plant} needs --network-interface: this computer's to the robot, such as eth0")
     interface = interface or LOOPBACK_INTERFACE
     given = read_options(plant_options)
     rate_of_states = _agreed("robot-rate", None if rate is None else float(rate), given, "rate")
@@ -44,14 +44,17 @@ def hardware_options(
         rate_of_states = float(UNITREE_RATE)
     if rate_of_states is not None:
         given["rate"] = rate_of_states
-    guard: tuple[str, ...] = ()
     if plant == ROS2_CONTROL:
         from bridge.plants.ros2_control.config import read_config
 
-        guard, rate_of_states = (_yaml(given),), read_config(given).rate
+        rate_of_states = read_config(given).rate
+    elif plant == BOOSTER:
+        from bridge.plants.booster.codec import read_config as read_booster_config
+
+        rate_of_states = read_booster_config(given).rate
     else:
         rate_of_states = given["rate"]
-    network = RobotNetwork(interface, domain, guard)
+    network = RobotNetwork(interface, domain, plant, _yaml(given))
     network.check()
     options = {
         "plant_options": _yaml({"network_interface": interface, "domain": domain, **given}),

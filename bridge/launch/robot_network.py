@@ -72,11 +72,12 @@ def _one(root: ET.Element, name: str) -> ET.Element:
 
 @dataclass(frozen=True, slots=True)
 class RobotNetwork:
-    """Where a real robot is: interface of this computer, DDS domain of the robot, further arguments of the guard."""
+    """Where a real robot is: interface of this computer and the robot's DDS domain; its plant with its options."""
 
     interface: str
     domain: int = 0
-    guard: tuple[str, ...] = ()
+    plant: str = "unitree"
+    options: str = "{}"
 
     def check(self, graph_domain: int | None = None) -> str:
         """Address of the interface; ``ConfigError`` when it has none, or when the graph has the robot's domain."""
@@ -95,5 +96,6 @@ class RobotNetwork:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(profile_text(address), encoding="utf-8")
         environment = {PROFILE_VARIABLE: str(file), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
-        guard = ProcessSpec(GUARD, (), arguments=(robot, str(self.domain), *self.guard), environment=environment)
+        arguments = self.plant, robot, str(self.domain), self.options
+        guard = ProcessSpec(GUARD, (), arguments=arguments, environment=environment)
         return [guard, *(replace(spec, environment=environment) if spec == BRIDGE else spec for spec in specs)]

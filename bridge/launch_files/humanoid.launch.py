@@ -20,7 +20,7 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "expected_friction": ("0.0", "Friction coefficient expected of the ground; 0 for that of the robot's profile"),
     "lockstep": ("false", "Whether the plant waits for the command of every tick"),
     "network": ("false", "Whether other machines may join; loopback only otherwise"),
-    "plant": ("mujoco", "The robot: mujoco, unitree, ros2_control, an installed plant, or module:Class"),
+    "plant": ("mujoco", "The robot: mujoco, unitree, booster, ros2_control, an installed plant, or module:Class"),
     "plant_options": ("", "Arguments of another plant than mujoco: YAML in braces, or a file"),
     "network_interface": ("", "Of this computer, to a real robot"),
     "robot_domain": ("0", "DDS domain of a real robot"),

@@ -1,8 +1,8 @@
 """Process ``damping_guard``: publishes damping commands when the driver is silent.
 
-    python -m bridge.nodes.damping_guard ROBOT DOMAIN [OPTIONS]
+    python -m bridge.nodes.damping_guard PLANT ROBOT DOMAIN OPTIONS
 
-With the options of the plant ``ros2_control`` the robot is behind ros2_control, otherwise it is one of Unitree. The
+Each plant of a real robot has a module ``guard`` whose ``connect`` makes the guard and its connection. The
 process is no node of the graph but a participant in the robot's domain. It outlives the driver and its launcher: asked
 to end, or without its launcher, it damps a robot that was commanded for ``guard_time``.
 """
@@ -11,28 +11,23 @@ import os
 import signal
 import sys
 import time
-from typing import Any
+from importlib import import_module
 
 from bridge.plants.config import read_options
 from bridge.plants.hardware import real_robot
-from bridge.plants.ros2_control.commands import GUARD, command_codec
-from bridge.plants.ros2_control.config import COMMAND, JOINTS, read_config
-from bridge.plants.ros2_control.guard import ControlGuard
-from bridge.plants.ros2_control.link import RosLink
-from bridge.plants.unitree.guard import DampingGuard
-from bridge.plants.unitree.link import CommandLink
 from models.nodes import realtime
 from models.robot_model import RobotModel
 
 
 def main(args: list[str] | None = None) -> None:
     """Watch until SIGTERM, or until the launcher has ended, and for a while after that."""
-    robot, domain, *options = sys.argv[1:] if args is None else args
+    plant, robot, domain, options = sys.argv[1:] if args is None else args
     ending: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: ending.append(number))
     parent = os.getppid()
-    guard, link = _connect(RobotModel.load(robot), int(domain), *options)
+    make = import_module(f"bridge.plants.{plant}.guard").connect
+    guard, link = make(RobotModel.load(robot), int(domain), read_options(options))
     config = real_robot()
     realtime.use_fifo(config.guard_priority, lambda text: print(f"damping_guard: {text}", flush=True))
     due = time.monotonic()
@@ -60,15 +55,6 @@ def main(args: list[str] | None = None) -> None:
             time.sleep(max(due - time.monotonic(), 0.0))
     finally:
         link.close()
-
-
-def _connect(model: RobotModel, domain: int, options: str | None = None) -> tuple[Any, Any]:
-    """The guard of a robot, and its connection."""
-    if options is None:
-        return DampingGuard(model), CommandLink(domain)
-    config = read_config({**read_options(options), "controller_manager": ""})
-    codec = command_codec(model, config, GUARD)
-    return ControlGuard(model, codec), RosLink(domain, config, (JOINTS, COMMAND), codec.kind)
 
 
 if __name__ == "__main__":

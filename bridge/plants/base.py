@@ -23,6 +23,7 @@ GROUP = "poise.plants"  #: Entry points of installed plants
 BUILT_IN: Mapping[str, str] = {
     "mujoco": "bridge.plants.mujoco:MujocoPlant",
     "unitree": "bridge.plants.unitree.plant:UnitreePlant",
+    "booster": "bridge.plants.booster.plant:BoosterPlant",
     "ros2_control": "bridge.plants.ros2_control.plant:Ros2ControlPlant",
 }
 

@@ -37,6 +37,8 @@ class RealRobotConfig:
     guard_priority: Annotated[int, Field(ge=1, le=99)]
     look_period: Positive
     ask_period: Positive
+    answer_age_max: Positive
+    position_max: Positive
 
 
 def real_robot() -> RealRobotConfig:

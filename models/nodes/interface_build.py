@@ -33,6 +33,8 @@ PACKAGES = {
     "example_interfaces": (),
     "unitree_hg": (),
     "unitree_api": (),
+    "booster_interface": (),
+    "booster_msgs": (),
     "controller_manager_msgs": (),
     "linear_feedback_controller_msgs": ("geometry_msgs", "sensor_msgs"),
 }

@@ -31,7 +31,6 @@ class Ros2ControlConfig:
     silent_max: Positive
     state_age_max: Positive  #: Only with command effort: time without a state from which on the torque has no gains [s]
     imu_distance_max: Positive  #: Distance of the measured point from the profile's frame ``imu`` [m]
-    answer_age_max: Positive  #: Age of the controller manager's answer after which the states are unknown [s]
     foreign_commands: Thresholds  #: Commands of other programs within a second [Hz]
     #: Of the controller manager and its controllers, before every name that does not begin with a slash
     namespace: Annotated[str, Field(pattern=r"^(/?[A-Za-z_][A-Za-z0-9_]*)*$")]

@@ -1,11 +1,14 @@
 """Guard of a robot behind ros2_control: its command controllers keep the last command, without a time-out."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from bridge.plants.guard import SilenceGuard
-from bridge.plants.ros2_control.commands import DRIVER, GUARD, CommandCodec
-from bridge.plants.ros2_control.config import JOINTS
-from bridge.plants.ros2_control.link import Message
+from bridge.plants.ros2_control.commands import DRIVER, GUARD, CommandCodec, command_codec
+from bridge.plants.ros2_control.config import COMMAND, JOINTS, read_config
+from bridge.plants.ros2_control.link import Message, RosLink
 from bridge.plants.ros2_control.sensors import JointStateDecoder
 from controllers.joints.joint_servo import damping_command
 from models.errors import PoiseError
@@ -61,3 +64,10 @@ class ControlGuard(SilenceGuard):
         if self._codec.evaluated and not now - self._measured < self._silence_max:
             command = JointCommand.torque(command.tau)
         return self._codec.encode(self._stamp, command, self._q, self._v)
+
+
+def connect(model: RobotModel, domain: int, options: Mapping[str, Any]) -> tuple[ControlGuard, RosLink]:
+    """The guard of a robot in a DDS domain and its connection, with the options of the plant."""
+    config = read_config({**options, "controller_manager": ""})
+    codec = command_codec(model, config, GUARD)
+    return ControlGuard(model, codec), RosLink(domain, config, (JOINTS, COMMAND), codec.kind)

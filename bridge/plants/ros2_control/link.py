@@ -70,7 +70,7 @@ class RosLink(ControlLink):
         if listing is not None:
             self._listing = listing
             self._client = node.create_client(listing, f"{config.manager}/list_controllers")
-        self._shared, self._answer_age_max = real_robot(), config.answer_age_max
+        self._shared = real_robot()
         self._asked = self._looked = self._answered = -inf
         self._controllers: dict[str, str] = {}
         self._order: list[str] | None = None
@@ -91,7 +91,7 @@ class RosLink(ControlLink):
         if now - self._looked >= self._shared.look_period:
             self._looked = now
             self._exchange(now)
-        return self._controllers if now - self._answered <= self._answer_age_max else None
+        return self._controllers if now - self._answered <= self._shared.answer_age_max else None
 
     def _exchange(self, now: float) -> None:
         """Take an answer of the controller manager, and ask again when it is time."""

@@ -32,7 +32,7 @@ _XYZW = [1, 2, 3, 0]  #: Order of a quaternion wxyz as xyzw
 _BUTTONS_AT = 2  #: Byte of the first eight buttons in ``wireless_remote``
 
 
-class LowSample(NamedTuple):
+class UnitreeSample(NamedTuple):
     """Contents of one LowState."""
 
     tick: int  # of the robot [ms]
@@ -73,7 +73,7 @@ class UnitreeCodec:
         self._motors["mode"] = ENABLED
         self._kp, self._kd = model.kp, model.kd
 
-    def decode(self, data: bytes) -> LowSample:
+    def decode(self, data: bytes) -> UnitreeSample:
         """Contents of a serialised LowState; ``MessageError`` for a wrong size, checksum, or values not finite."""
         record = read_low_state(data)
         motors = record["motor_state"][: self._nj]
@@ -91,7 +91,7 @@ class UnitreeCodec:
             accel=record["accelerometer"].astype(np.float64),
             wrenches=self._wrenches,
         )
-        return LowSample(
+        return UnitreeSample(
             tick=tick,
             mode_machine=int(record["mode_machine"]),
             sensors=sensors,

@@ -1,9 +1,12 @@
 """Guard of a Unitree robot, which keeps the last command for ever."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from bridge.plants.guard import SilenceGuard
+from bridge.plants.participant import CommandLink
 from bridge.plants.unitree.codec import GUARD_MARK, MARK, joint_command, set_command
+from bridge.plants.unitree.link import COMMAND
 from bridge.plants.unitree.wire import read_low_cmd, write_low_cmd
 from models.errors import MessageError
 from models.robot_model import RobotModel
@@ -44,3 +47,8 @@ class DampingGuard(SilenceGuard):
         record["reserve"][0] = GUARD_MARK
         set_command(record["motor_cmd"][: model.nj], command, model.kp, model.kd)
         return write_low_cmd(record)
+
+
+def connect(model: RobotModel, domain: int, options: Mapping[str, Any]) -> tuple[DampingGuard, CommandLink]:
+    """The guard of a robot in a DDS domain and its connection, with the options of the plant."""
+    return DampingGuard(model), CommandLink(domain, "unitree_hg", COMMAND)

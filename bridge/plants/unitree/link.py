@@ -13,37 +13,21 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import try_shutdown
 
 from bridge.plants.hardware import real_robot
+from bridge.plants.low_level import LowLink
 from bridge.plants.participant import QUEUE, SENSOR, ignore, join, take, take_all
 from models.errors import MessageError
 from models.nodes.interfaces import interface
 
 VERSION, CHECK, RELEASE = 1, 1001, 1003  #: Functions of the motion switcher
+COMMAND = "lowcmd"  #: Topic of the commands
 SWITCHER = "api/motion_switcher"  #: Its topics are ``request`` and ``response`` below this name
 
 
-class RobotLink(Protocol):
-    """Messages of one robot."""
-
-    def take(self) -> list[bytes]:
-        """Serialised LowStates since the last call, the oldest first."""
-
-    def send(self, data: bytes) -> None:
-        """Publish a serialised LowCmd."""
-
-    def commands(self) -> list[bytes]:
-        """Serialised LowCmds of all programs since the last call, those of this link included."""
-
-    def vendor(self) -> str | None:
-        """Name of the active controller of the robot, empty when none is active, None while unknown."""
+class RobotLink(LowLink, Protocol):
+    """Messages of one robot: serialised LowStates."""
 
     def version(self) -> str:
         """Version of the motion switcher, empty while unknown; it is received by ``vendor``."""
-
-    def release(self) -> None:
-        """Request the end of the active controller."""
-
-    def close(self) -> None:
-        """Leave the robot's domain."""
 
 
 class DdsLink(RobotLink):
@@ -58,9 +42,9 @@ class DdsLink(RobotLink):
         self._context, self._node = join(domain, "poise_unitree")
         node, reliable = self._node, QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._states = node.create_subscription(state, "lowstate", ignore, SENSOR, raw=True)
-        self._echo = node.create_subscription(command, "lowcmd", ignore, SENSOR, raw=True)
+        self._echo = node.create_subscription(command, COMMAND, ignore, SENSOR, raw=True)
         self._responses = node.create_subscription(response, f"{SWITCHER}/response", ignore, QoSProfile(depth=QUEUE))
-        self._commands = node.create_publisher(command, "lowcmd", reliable)
+        self._commands = node.create_publisher(command, COMMAND, reliable)
         self._requests = node.create_publisher(self._request_type, f"{SWITCHER}/request", reliable)
         self._id = time.monotonic_ns()
         self._pending = self._asked_version = 0  # id of the last Check, and of the last request for the version
@@ -118,29 +102,6 @@ class DdsLink(RobotLink):
         return self._id
 
     def close(self) -> None:
-        self._node.destroy_node()
-        try_shutdown(context=self._context)
-
-
-class CommandLink:
-    """Both ends of ``lowcmd``, for the guard; ``MessageError`` when the types are not built."""
-
-    def __init__(self, domain: int) -> None:
-        command = interface("unitree_hg", "msg", "LowCmd")
-        self._context, self._node = join(domain, "poise_guard")
-        self._reader = self._node.create_subscription(command, "lowcmd", ignore, SENSOR, raw=True)
-        self._writer = self._node.create_publisher(command, "lowcmd", QoSProfile(depth=1))
-
-    def take(self) -> list[bytes]:
-        """Serialised LowCmds since the last call, the oldest first, those of this link included."""
-        return take_all(self._reader)
-
-    def send(self, data: bytes) -> None:
-        """Publish a serialised LowCmd."""
-        self._writer.publish(data)
-
-    def close(self) -> None:
-        """Leave the robot's domain."""
         self._node.destroy_node()
         try_shutdown(context=self._context)
 

@@ -151,9 +151,9 @@ def test_the_file_of_the_controllers_names_every_joint_in_order(robot: RobotMode
 def test_topics_follow_the_names_of_the_controllers() -> None:
     config = read_config({"controllers": {"imu": "base_imu"}, "topics": {"left_foot": "/lf"}, "command": "feedback"})
     topics = config.topic_of
-    assert (topics[JOINTS], topics[IMU], topics[FEET[0]]) == ("joint_states", "base_imu/imu", "/lf")
-    assert topics[FEET[1]] == "right_foot_broadcaster/wrench" and topics[COMMAND] == "control"
-    assert read_config({}).topic_of[COMMAND] == "whole_body_controller/commands"
+    assert (topics[JOINTS], topics[IMU], topics[FEET[0]]) == ("/joint_states", "/base_imu/imu", "/lf")
+    assert topics[FEET[1]] == "/right_foot_broadcaster/wrench" and topics[COMMAND] == "/control"
+    assert read_config({}).topic_of[COMMAND] == "/whole_body_controller/commands"
     for wrong, culprit in (({"comand": "pvt"}, "comand"), ({"command": "torque"}, "command"), ({"rate": 1}, "rate")):
         with pytest.raises(ConfigError, match=culprit):
             read_config(wrong)

@@ -30,8 +30,8 @@ def test_the_driver_and_the_guard_get_the_options() -> None:
     assert options == {"network_interface": "lo", "domain": 3, "command": "pvt", "rate": 500.0}
     assert given["rates"]["supervisor"] == {"sensor_rate": 500.0}
     guard, driver, *_ = given["robot_network"].processes(process_specs(), profile)
-    assert guard.arguments[:2] == ("talos_hardware", "3")
-    assert read_options(guard.arguments[2]) == {"command": "pvt", "rate": 500.0}
+    assert guard.arguments[:3] == ("ros2_control", "talos_hardware", "3")
+    assert read_options(guard.arguments[3]) == {"command": "pvt", "rate": 500.0}
     assert driver.module == BRIDGE.module and driver.environment == guard.environment
 
 
@@ -48,6 +48,7 @@ def test_the_end_may_be_an_option_of_the_plant_or_of_poise_up() -> None:
     for arguments in (
         ("ros2_control", "g1", "lo", 0, None, "{at_end: lower}"),
         ("unitree", "g1", "lo", 0, None, "", "lower"),
+        ("booster", "t1.yaml", "lo", 0, None, "", "lower"),
     ):
         _, given = hardware_options(*arguments)  # type: ignore[arg-type]
         assert given["ending"].at_end == "lower" and "at_end" not in read_options(given["plant_options"])

@@ -7,9 +7,9 @@ import pytest
 
 from bridge.launch.robot_network import LOOPBACK, RobotNetwork, interface_address, profile_text
 from bridge.plants.hardware import RobotClock, real_robot
+from bridge.plants.monitors import HardwareMonitor
 from bridge.plants.unitree.codec import UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.guard import DampingGuard
-from bridge.plants.unitree.monitors import HardwareMonitor
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.wire import LOW_STATE, new_low_cmd, read_low_cmd, write_low_cmd, write_low_state
 from controllers.joints.joint_servo import drive_torque

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.plants.hardware import RobotClock
-from bridge.plants.unitree.codec import BUTTONS, G1_JOINTS, LowSample, UnitreeCodec, joint_command
+from bridge.plants.unitree.codec import BUTTONS, G1_JOINTS, UnitreeCodec, UnitreeSample, joint_command
 from bridge.plants.unitree.wire import (
     LOW_CMD,
     LOW_STATE,
@@ -56,7 +56,7 @@ def codec(model: RobotModel) -> UnitreeCodec:
     return UnitreeCodec(model, RobotClock(0.002, 1.0))
 
 
-def sample(model: RobotModel, **changes: object) -> LowSample:
+def sample(model: RobotModel, **changes: object) -> UnitreeSample:
     record = random_state()
     for name, value in changes.items():
         record[name] = value

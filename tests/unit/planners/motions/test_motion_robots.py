@@ -12,7 +12,7 @@ from models.proposal.profile_text import write_proposal
 from models.proposal.propose import propose
 from models.robot_model import RobotModel
 from models.types import JointTrajectory, Matrix
-from planners.goals import plant
+from planners.goals import plant, tilt_of
 from planners.motion import MotionPlanner
 from tests.humanoids import Humanoid
 
@@ -102,3 +102,11 @@ def test_a_forearm_below_the_last_joint_carries_the_hand(build: Build) -> None:
     assert model.profile.frames["r_wrist"].link == "right_elbow_link"
     assert model.profile.frames["r_wrist"].xyz == pytest.approx((0.0, 0.0, -0.2), abs=0.01)
     assert build(Humanoid(arm_joints=1)).profile.frames["r_wrist"].link == "right_shoulder_pitch_link"
+
+
+def test_a_base_that_turns_with_the_torso_stays_below_the_tilt_of_a_fall(build: Build) -> None:
+    model = build(Humanoid())
+    motion, size = MotionPlanner(model).plan_sized("crouch", model.posture("stand"))
+    data = model.data()
+    tilt = max(tilt_of(plant(model, data, joints)[0]) for joints in motion.positions)
+    assert 0.5 < size < 1.0 and 0.5 < tilt <= 0.65

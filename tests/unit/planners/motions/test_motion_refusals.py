@@ -247,6 +247,12 @@ class TestPathCheck:
         with pytest.raises(UnreachableError, match=r"the CoM would be .* inside the support polygon, at least"):
             self.check(tight, right_shoulder_pitch=-1.5)
 
+    def test_tilt_of_the_base(self) -> None:
+        turn = {"left_hip_pitch": -0.1, "right_hip_pitch": -0.1}
+        self.check(**turn)
+        with pytest.raises(UnreachableError, match=r"the base would tilt by 0.\d+ rad, at most 0.05 rad"):
+            self.check(replace(self.bounds, base_tilt=0.05), **turn)
+
     def test_collision(self) -> None:
         with pytest.raises(UnreachableError, match="right_hip_roll_link and right_wrist_yaw_link' would collide"):
             self.check(right_shoulder_roll=0.4)

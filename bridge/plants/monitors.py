@@ -1,14 +1,34 @@
 """Monitors of a real robot: values beyond the thresholds of its profile lead to a warning, a hold, or damping."""
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from bridge.plants.hardware import Finding, ForeignCommands, Level, beyond, real_robot
-from bridge.plants.unitree.codec import LowSample
 from models.profile import Hardware, Thresholds
 from models.robot_model import RobotModel
-from models.types import Vector
+from models.types import SensorData, Vector
+
+
+class LowSample(Protocol):
+    """What the monitors compare of one state of a robot."""
+
+    @property
+    def sensors(self) -> SensorData:
+        """Joints and IMU at the time of the state."""
+
+    @property
+    def temperature(self) -> Vector:
+        """Temperatures of each motor (nj, places) [degC]."""
+
+    @property
+    def voltage(self) -> Vector:
+        """Supply of each drive (nj,), 0 where not measured [V]."""
+
+    @property
+    def motor_state(self) -> Vector:
+        """Error word of each drive (nj,), 0 without error."""
 
 
 class HardwareMonitor:
@@ -92,8 +112,10 @@ class HardwareMonitor:
         ]
 
     def _worst(
-        self, what: str, unit: str, values: Vector, pick: Callable[[Vector], np.intp], bounds: Thresholds
+        self, what: str, unit: str, values: Vector, pick: Callable[[Vector], np.intp], bounds: Thresholds | None
     ) -> Finding | None:
+        if bounds is None:
+            return None
         joint = int(pick(values))
         return beyond(f"{what} of '{self._names[joint]}'", float(values[joint]), unit, bounds)
 

@@ -1,0 +1,1 @@
+"""Booster's low-level protocol as a plant."""

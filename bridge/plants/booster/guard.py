@@ -1,0 +1,47 @@
+"""Guard of a Booster robot, which is assumed to keep the last command for ever."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bridge.plants.booster.codec import GUARD_MARK, MARK, BoosterCodec, read_config
+from bridge.plants.booster.link import COMMAND
+from bridge.plants.guard import SilenceGuard
+from bridge.plants.hardware import RobotClock, real_robot
+from bridge.plants.participant import CommandLink
+from models.robot_model import RobotModel
+from models.types import JointCommand
+
+
+class BoosterGuard(SilenceGuard):
+    """Watches the LowCmds of the driver, which carry ``MARK``, and makes damping ones while there are none.
+
+    The driver's ``last`` command, for the robot's own controller that has become active, disarms the guard.
+    """
+
+    def __init__(self, model: RobotModel, options: Mapping[str, Any]) -> None:
+        super().__init__(model)
+        config = read_config(options)
+        self._codec = BoosterCodec(model, config, RobotClock(1.0 / config.rate, real_robot().gap_max), guard=True)
+        self._data = b""  # the driver's last command
+
+    def receive(self, data: bytes, now: float) -> None:
+        """A LowCmd from the network at a time [s]."""
+        mark = self._codec.mark(data)
+        if mark[:1] != bytes([MARK]):
+            self.strangers += int(mark[:1] != bytes([GUARD_MARK]))
+        elif mark[-1]:
+            self._disarm()
+        else:
+            self._on_command(now)
+            self._data = data
+
+    def _last_command(self) -> JointCommand:
+        return self._codec.decode_command(self._data)
+
+    def _encode(self, command: JointCommand, now: float) -> bytes:
+        return self._codec.encode(command)
+
+
+def connect(model: RobotModel, domain: int, options: Mapping[str, Any]) -> tuple[BoosterGuard, CommandLink]:
+    """The guard of a robot in a DDS domain and its connection, with the options of the plant."""
+    return BoosterGuard(model, options), CommandLink(domain, "booster_interface", COMMAND)

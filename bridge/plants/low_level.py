@@ -1,0 +1,223 @@
+"""What the low-level protocols of Unitree and Booster share: one message is a state, and one commands all drives."""
+
+import secrets
+from collections.abc import Mapping
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from bridge.plants.hardware import CommandSender, RealPlant, RobotClock, real_robot
+from bridge.plants.monitors import HardwareMonitor, LowSample
+from controllers.joints.joint_servo import damping_command
+from models.errors import ConfigError, MessageError
+from models.robot_model import RobotModel
+from models.types import JointCommand, SensorData
+
+SampleT = TypeVar("SampleT", bound=LowSample)
+
+
+class LowLink(CommandSender, Protocol):
+    """Messages of one robot."""
+
+    def take(self) -> list[Any]:
+        """Messages of the robot since the last call, the oldest first."""
+
+    def commands(self) -> list[bytes]:
+        """Serialised commands of all programs since the last call, those of this link included."""
+
+    def vendor(self) -> str | None:
+        """Name of the active controller of the robot, empty when none is active, None while unknown."""
+
+    def release(self) -> None:
+        """Request the end of the active controller."""
+
+
+class LowLevelPlant(RealPlant, Generic[SampleT]):
+    """States in, commands with the drives' own PD law out, on the robot's clock.
+
+    The messages between two ticks are all read: a press of a button in any of them is seen. Those that cannot be used
+    are counted and left out.
+
+    Args:
+        model: The robot, with a section ``hardware`` in its profile.
+        name: Name of the plant.
+        place: Interface and domain of the robot; they name the file of the mark.
+        marker: File that marks an unfinished run; that of the place when empty.
+        period: Time between two states [s].
+        clock: From the states' counts.
+        buttons: Names of the buttons of the remote controller.
+
+    A protocol sets ``_link`` after this.
+
+    Raises:
+        ConfigError: A robot with foot sensors, without ``hardware``, or with an unknown stop button.
+    """
+
+    state_name = "state"  #: What the protocol calls a state
+    vendor_name = "the robot's controller"  #: What names its vendor's active controller
+
+    def __init__(
+        self,
+        model: RobotModel,
+        name: str,
+        place: tuple[str, int],
+        marker: str,
+        period: float,
+        clock: RobotClock,
+        buttons: tuple[str, ...],
+    ) -> None:
+        hardware = model.profile.hardware
+        if hardware is None or model.profile.sensors.feet.fitted:
+            raise ConfigError(
+                f"robot '{model.name}' needs 'hardware' and 'sensors.feet.fitted: false' in its profile, "
+                f"as g1_hardware has"
+            )
+        if unknown := set(hardware.stop_buttons).difference(buttons):
+            raise ConfigError(
+                f"robot '{model.name}': hardware.stop_buttons: unknown {', '.join(sorted(unknown))}; known: "
+                f"{', '.join(buttons)}"
+            )
+        interface, domain = place
+        super().__init__(model, name, f"{interface}-{domain}", marker, period)
+        self._hardware, self._where = hardware, f"{interface}, domain {domain}"
+        self._link: LowLink
+        self._session = secrets.randbits(32)  # of this driver, in its commands
+        self._clock = clock
+        self.monitor = HardwareMonitor(model, hardware, period)
+        self._sample: SampleT | None = None
+        self._restarts_seen = 0
+        self._pressed = frozenset[str]()  # buttons in any message of this read
+        self.refused = 0  #: Messages that could not be used
+        self._why = ""
+        self._fault = ""  # of the service that names the vendor's controller
+        self._foreign = 0  # commands of other programs since the last sample
+        self._waiting: list[Any] = []  # taken from the link, and not read yet
+
+    def read(self) -> SensorData:
+        self._stop, self._pressed = "", frozenset()
+        if self._closed:
+            return self._sensors
+        foreign = sum(map(self._is_foreign, self._link.commands()))
+        if self.vendor == "":  # else they may be those of the active controller
+            self._foreign += foreign
+        waiting, self._waiting = [*self._waiting, *self._link.take()], []
+        samples = [sample for message in waiting if (sample := self._use(message)) is not None]
+        if pressed := self._pressed.intersection(self._hardware.stop_buttons):
+            self._stop = f"button {', '.join(sorted(pressed))} of the remote controller"
+        self.counter.idle(arrived=bool(samples))
+        for sample in samples:
+            self._accept(sample)
+        if self._clock.restarts > self._restarts_seen:
+            self._restarts_seen = self._clock.restarts
+            self._stop = self._stop or "the robot's clock has jumped: it was restarted"
+        if not self._stop and self.monitor.damps:
+            self._stop = "; ".join(self.monitor.damps)
+        return self._sensors
+
+    @property
+    def arrived(self) -> bool:
+        """Whether a message has come since the last ``read``."""
+        if not self._waiting and not self._closed:
+            self._waiting = self._link.take()
+        return bool(self._waiting)
+
+    def _use(self, message: Any) -> SampleT | None:
+        try:
+            return self._decode(message)
+        except MessageError as error:
+            self.refused, self._why = self.refused + 1, str(error)
+            return None
+
+    def _accept(self, sample: SampleT) -> None:
+        """Take over one sample: rate, lost states, monitors."""
+        if self._sample is not None and sample.sensors.t <= self._sample.sensors.t:
+            return  # a repeated sample
+        step, lost = self.counter.step(sample.sensors.t)
+        self.monitor.step(sample, lost, step, self._foreign)
+        self._foreign = 0
+        self._stop = self._stop or self._change(sample)
+        self._sample = sample
+        self._sensors = sample.sensors
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Failed checks of the robot's messages."""
+        sample, found = self._sample, list[str]()
+        if self._closed:
+            return ("the connection was closed with the driver's deactivation: clean it up and configure it again",)
+        if sample is None:
+            why = f"; refused: {self._why}" if self._why else ", check cable, address and domain"
+            return (f"no {self.state_name} on {self._where}{why}",)
+        found += self.counter.findings(self.state_name)
+        if self.refused and self._why:
+            found.append(f"{self.refused} messages refused: {self._why}")
+            self._why = ""
+        if (beyond := np.flatnonzero(np.abs(sample.sensors.q) > real_robot().position_max)).size:
+            found.append(f"motor {int(beyond[0])} measures {sample.sensors.q[beyond[0]]:.1f} rad")
+        if self.vendor is None:
+            found.append(self._fault or f"{self.vendor_name} does not answer")
+        return (*found, *self._checks(sample), *self.monitor.holds, *self.monitor.damps)
+
+    @property
+    def vendor(self) -> str | None:
+        """Name of the vendor's active controller."""
+        if self._closed:
+            return None
+        try:
+            return self._link.vendor()
+        except MessageError as error:
+            self._fault = str(error)
+            return None
+
+    def release_vendor(self) -> None:
+        self._link.release()
+
+    def hand_over(self) -> None:
+        if self._sampled and not self._closed:
+            data = self._encode_command(damping_command(self._model), last=True)
+            for _ in range(real_robot().last_commands):
+                self._link.send(data)
+        self._marker.remove()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of the monitors."""
+        return self.monitor.warnings
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Holds of the monitors."""
+        return self.monitor.holds
+
+    @property
+    def report(self) -> Mapping[str, str]:
+        """Values of the monitors and counts of states."""
+        vendor = self.vendor
+        return {
+            **self.monitor.values,
+            "state rate [Hz]": f"{self.counter.rate:.0f}",
+            "states refused": str(self.refused),
+            "states lost": str(self.counter.lost),
+            "restarts of the robot": str(self._clock.restarts),
+            "vendor's controller": "unknown" if vendor is None else vendor or "released",
+        }
+
+    def _decode(self, message: Any) -> SampleT | None:
+        """Sample of a message, None for one of another kind, its buttons in ``_pressed``; ``MessageError``."""
+        raise NotImplementedError
+
+    def _encode_command(self, command: JointCommand, *, last: bool = False) -> bytes:
+        """Serialised message of a command; after the ``last`` one the guard no longer damps the robot."""
+        raise NotImplementedError
+
+    def _is_foreign(self, data: bytes) -> bool:
+        """Whether a serialised command is one of another program."""
+        raise NotImplementedError
+
+    def _change(self, sample: SampleT) -> str:
+        """Reason to damp that follows from a sample and the one before; empty for none."""
+        return ""
+
+    def _checks(self, sample: SampleT) -> list[str]:
+        """Further failed checks of the newest sample."""
+        return []
