@@ -222,6 +222,7 @@ class GaitConfig:
     zmp: Share  #: ZMP point of single support, from under the ankle (0) to the middle of the sole (1) [-]
     height_rate: Positive  #: Fastest rise of the CoM height reference [m/s]
     drop_rate: Positive  #: Fastest descent of the CoM height reference [m/s]
+    drop_rate_urgent: Positive  #: ... in an urgent step, whose legs have to reach far in little time [m/s]
     preview: Annotated[int, Field(ge=1, le=12)]  #: Steps that the DCM recursion looks ahead
     settle_dcm: Positive  #: DCM distance from the middle at which a finished walk counts as standing [m]
     settle_speed: Positive  #: Speed of the CoM below which it does, too [m/s]

@@ -61,7 +61,8 @@ class ReferenceBuilder:
             reach = height_in_reach(places, self.under, swinging, com, lean, yaw, leg, self.standing_height)
             height = min(height, reach)
         step = config.height_rate * dt
-        change = min(max(height - state.body.height, -config.drop_rate * dt), step)
+        drop = config.drop_rate_urgent if state.step.urgent else config.drop_rate
+        change = min(max(height - state.body.height, -drop * dt), step)
         under = middle((left, right)) if swinging < 0 else state.soles.holds[state.stance]
         com, (rise_x, rise_y) = state.measured.com, state.soles.slope.tolist()
         ground = under.z + rise_x * float(com[0] - under.x) + rise_y * float(com[1] - under.y)
