@@ -95,11 +95,13 @@ class HardwareDrivers(Drivers):
 
     @property
     def state(self) -> str:
-        """``hanging`` until the robot stands by itself, ``held`` until its gains have faded, or that of the servo."""
+        """``hanging`` until it stands by itself, ``held`` until its gains have faded, ``relaxing``, or the servo's."""
         startup = self.startup
         if startup.supported:
             return topics.HANGING
-        if startup.state in (StartState.RELAX, StartState.DAMPED):
+        if startup.state is StartState.RELAX:
+            return topics.RELAXING
+        if startup.state is StartState.DAMPED:
             return topics.DAMPED
         return topics.HELD if startup.fading else super().state
 
@@ -115,7 +117,7 @@ class HardwareDrivers(Drivers):
                 f"mode '{mode.value}' refused in state '{startup.state}', which waits for {startup.waits_for}"
             )
         super().set_mode(mode)
-        if mode is Mode.DAMP and startup.commands and startup.state is not StartState.RELAX:
+        if mode is Mode.DAMP and startup.commands:
             startup.damp("mode damp was requested")
 
     def act(self) -> None:

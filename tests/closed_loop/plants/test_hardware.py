@@ -3,6 +3,7 @@
 Bytes of LowState and LowCmd pass between them as on the network; only the network is missing.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -198,12 +199,23 @@ def test_a_lowered_robot_sinks_slowly(tmp_path: Path, seed: int) -> None:
     assert loop.side.base[2] < 0.2 and damping(loop.link.sent[-1])
 
 
-def test_a_relaxing_robot_is_damped_at_once(standing: HardwareLoop) -> None:
+@pytest.mark.parametrize(
+    ("stop", "reason"),
+    [
+        (lambda loop: loop.side.press(B_BUTTON), "button B"),
+        (lambda loop: loop.drivers.set_mode(Mode.DAMP), "mode damp was requested"),
+    ],
+    ids=["remote controller", "mode"],
+)
+def test_a_relaxing_robot_is_damped_at_once(
+    standing: HardwareLoop, stop: Callable[[HardwareLoop], None], reason: str
+) -> None:
     standing.startup.relax()
     standing.run(0.1)
-    standing.side.press(B_BUTTON)
+    assert standing.drivers.state == "relaxing" and not damping(standing.link.sent[-1])
+    stop(standing)
     standing.run(0.2)
-    assert "button B" in standing.startup.reason and damping(standing.link.sent[-1])
+    assert reason in standing.startup.reason and damping(standing.link.sent[-1])
 
 
 def drift(loop: HardwareLoop) -> float:
