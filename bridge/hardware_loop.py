@@ -88,6 +88,7 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self._record_ticks = 0 if record_period is None else max(round(record_period / STEP), 1)
         self._first: list[SensorData] = []
         self._estimating = False
+        self._mode = Mode.OFF  # that the drivers have
         self._t = 0.0
 
     @property
@@ -200,15 +201,16 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
             reply = self.stack.arm()
             if not reply.accepted:
                 raise PoiseError(f"the supervisor refuses to arm: {reply.reason}")
-            self.drivers.set_mode(Mode.STAND)
+            self._mode = Mode.STAND
+            self.drivers.set_mode(self._mode)
             return
         command = self.stack.step(sensors, dt)
         if command is not None:
             self.drivers.command(command)
             self._record()
-        before = self.stack.mode
         mode = self.stack.supervise(sensors.t, hardware=self.plant.holds)
-        if mode is not before:
+        if mode is not self._mode:
+            self._mode = mode
             self.drivers.set_mode(mode)
             self._note(f"mode {mode.value}" + "".join(f": {fault}" for fault in self.stack.supervisor.faults))
 
