@@ -97,7 +97,7 @@ def test_a_robot_that_is_lowered_sinks_and_ends_in_its_own_damping(standing: Boo
     standing.run(5.0)
     assert standing.startup.state is StartState.STAND and standing.side.base[2] < 0.6 * height
     standing.drivers.relax()
-    standing.run(ending.sink_time)
+    standing.run(standing.startup.config.relax_time + ending.sink_time)
     assert standing.startup.state is StartState.DAMPED and "lowered" in standing.startup.reason
     assert standing.side.base[2] < 0.3 * height and damping(standing)
     standing.plant.close()

@@ -193,7 +193,7 @@ def test_a_lowered_robot_sinks_slowly(tmp_path: Path, seed: int) -> None:
     assert (loop.stack.mode, loop.startup.state) == (Mode.STAND, StartState.STAND) and loop.side.base[2] < 0.42
     assert max(down) < 0.4
     loop.drivers.relax()
-    sinking = speeds(loop, ending.sink_time)
+    sinking = speeds(loop, loop.startup.config.relax_time + ending.sink_time)
     assert sinking[0] < 1.0 and sinking[1] < 1.6
     assert loop.startup.state is StartState.DAMPED and "lowered" in loop.startup.reason
     assert loop.side.base[2] < 0.2 and damping(loop.link.sent[-1])
