@@ -176,14 +176,14 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self.until(lambda: self.startup.state is state, limit)
 
     def start(self) -> None:
-        """From hanging under the robot's own controller to standing; the rope stays tied, and slack."""
+        """From hanging under the robot's own controller to standing still; the rope stays tied, and slack."""
         self.reach(StartState.GANTRY)
         self.startup.confirm_gantry()
         self.reach(StartState.HANGING)
         self.startup.lower()
         self.side.rope_speed = self.side.config.lowering_speed
         self.reach(StartState.STAND)
-        self.run(1.0)
+        self.until(lambda: not self.startup.fading and self.stack.gait.settled, self.side.config.settle_limit)
 
     def unhook(self) -> None:
         """Untie the rope; from now on a fall is one."""
