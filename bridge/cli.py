@@ -135,7 +135,9 @@ def up(
     network_interface: Annotated[
         str, typer.Option(help="Of this computer, to a real robot, such as eth0.", metavar="IF")
     ] = "",
-    robot_domain: Annotated[int, typer.Option(min=0, max=232, help="DDS domain of a real robot.")] = 0,
+    robot_domain: Annotated[
+        int | None, typer.Option(min=0, max=232, help="DDS domain of a real robot; 0 by default.")
+    ] = None,
     robot_rate: Annotated[
         int | None, typer.Option(help=r"Rate of a real robot \[Hz]; 500 or 1000 with --plant unitree.")
     ] = None,

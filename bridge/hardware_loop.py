@@ -88,6 +88,7 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self._record_ticks = 0 if record_period is None else max(round(record_period / STEP), 1)
         self._first: list[SensorData] = []
         self._estimating = False
+        self._mode = Mode.OFF  # that the drivers have
         self._t = 0.0
 
     @property
@@ -175,14 +176,14 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self.until(lambda: self.startup.state is state, limit)
 
     def start(self) -> None:
-        """From hanging under the robot's own controller to standing; the rope stays tied, and slack."""
+        """From hanging under the robot's own controller to standing still; the rope stays tied, and slack."""
         self.reach(StartState.GANTRY)
         self.startup.confirm_gantry()
         self.reach(StartState.HANGING)
         self.startup.lower()
         self.side.rope_speed = self.side.config.lowering_speed
         self.reach(StartState.STAND)
-        self.run(1.0)
+        self.until(lambda: not self.startup.fading and self.stack.gait.settled, self.side.config.settle_limit)
 
     def unhook(self) -> None:
         """Untie the rope; from now on a fall is one."""
@@ -200,15 +201,16 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
             reply = self.stack.arm()
             if not reply.accepted:
                 raise PoiseError(f"the supervisor refuses to arm: {reply.reason}")
-            self.drivers.set_mode(Mode.STAND)
+            self._mode = Mode.STAND
+            self.drivers.set_mode(self._mode)
             return
         command = self.stack.step(sensors, dt)
         if command is not None:
             self.drivers.command(command)
             self._record()
-        before = self.stack.mode
         mode = self.stack.supervise(sensors.t, hardware=self.plant.holds)
-        if mode is not before:
+        if mode is not self._mode:
+            self._mode = mode
             self.drivers.set_mode(mode)
             self._note(f"mode {mode.value}" + "".join(f": {fault}" for fault in self.stack.supervisor.faults))
 

@@ -1,5 +1,8 @@
 """Plant and joint servo in step: modes and commands in, commands of the drives out; no ROS."""
 
+import numpy as np
+import pinocchio as pin
+
 from bridge.driver.foot_load import FootLoad
 from bridge.driver.startup import StartInputs, StartState, Startup
 from bridge.plants.base import HardwarePlant, Plant, ReleaseGate, SimulatedPlant, hanging_command
@@ -92,14 +95,19 @@ class HardwareDrivers(Drivers):
         self.plant: HardwarePlant = plant
         self.startup = Startup(model, crashed=plant.crashed, executed=plant.executed, own=plant.own_controller)
         self._load = FootLoad(model)
+        self._model, self._data, self._neutral = model, model.data(), pin.neutral(model.pin)
+        self._standing_height = self._height(model.posture("stand"))
+        self._q = np.full(model.nj, np.nan)  # of the last tick (nj,)
 
     @property
     def state(self) -> str:
-        """``hanging`` until the robot stands by itself, ``held`` until its gains have faded, or that of the servo."""
+        """``hanging`` until it stands by itself, ``held`` until its gains have faded, ``relaxing``, or the servo's."""
         startup = self.startup
         if startup.supported:
             return topics.HANGING
-        if startup.state in (StartState.RELAX, StartState.DAMPED):
+        if startup.state is StartState.RELAX:
+            return topics.RELAXING
+        if startup.state is StartState.DAMPED:
             return topics.DAMPED
         return topics.HELD if startup.fading else super().state
 
@@ -115,12 +123,35 @@ class HardwareDrivers(Drivers):
                 f"mode '{mode.value}' refused in state '{startup.state}', which waits for {startup.waits_for}"
             )
         super().set_mode(mode)
-        if mode is Mode.DAMP and startup.commands and startup.state is not StartState.RELAX:
+        if mode is Mode.DAMP and startup.commands:
             startup.damp("mode damp was requested")
+
+    def relax(self) -> str:
+        """Let a robot sink that has stopped in a low posture; ``CommandError`` for any other."""
+        startup = self.startup
+        if startup.state is StartState.STAND:
+            height, limit = self._height(self._q) / self._standing_height, startup.config.relax_height
+            if self._mode is not Mode.STAND:
+                raise CommandError(f"relax refused in mode '{self._mode.value}': stop, then crouch, or damp")
+            if not height < limit:
+                raise CommandError(
+                    f"relax refused: the base is at {100.0 * height:.0f} % of its standing height, below "
+                    f"{100.0 * limit:.0f} % is required: crouch first, or damp"
+                )
+        return startup.relax()
+
+    def _height(self, q: Vector) -> float:
+        """Distance of the base from the middle of the soles [m] at joint positions (nj,)."""
+        model = self._model
+        self._neutral[7:] = q
+        pin.framesForwardKinematics(model.pin, self._data, self._neutral)
+        soles = [self._data.oMf[foot.frame_id].translation for foot in model.feet]
+        return float(np.linalg.norm(np.mean(soles, axis=0)))
 
     def act(self) -> None:
         """As ``Drivers``; nothing is written before the vendor's controller is released."""
         sensors, startup, servo = self.read(), self.startup, self.servo
+        self._q = sensors.q
         stop = self.plant.stop
         if self.stale > self._stale_max:
             stop = stop or f"no new state of the robot for {self.stale:.3f} s"

@@ -31,7 +31,7 @@ class StartServices:
             startup.confirm_gantry,
             startup.prepare,
             startup.lower,
-            startup.relax,
+            drivers.relax,
             lambda: startup.damp("start/damp was called"),
         )
         for name, act in zip(topics.START_SERVICES, acts, strict=True):

@@ -49,6 +49,7 @@ class StartupConfig:
     load_time: NonNegative
     tilt_max: Positive
     fade: Positive
+    relax_height: Fraction
     relax_time: Positive
 
 

@@ -20,6 +20,7 @@ class EndConfig:
     stop_limit: Positive
     plan_limit: Positive
     motion_limit: Positive
+    relax_limit: Positive
     sink_time: NonNegative
 
 
@@ -27,6 +28,7 @@ class StandingRobot(Protocol):
     """The running graph, as ``Graph``."""
 
     mode: str
+    driver_state: str
 
     def send(self, text: str) -> None:
         """Publish a text command."""
@@ -50,12 +52,19 @@ def lower(robot: StandingRobot, config: EndConfig) -> None:
     if robot.mode in (Mode.WALK.value, Mode.MOTION.value):
         robot.send("stop")
         robot.wait_for(lambda: robot.mode == Mode.STAND.value, config.stop_limit, "standing after the stop")
-    if robot.mode != Mode.STAND.value:
-        raise PoiseError(f"the robot is not lowered from mode '{robot.mode}': it is damped")
+    _check_stands(robot)
     robot.send(config.motion)
     robot.wait_for(lambda: robot.mode != Mode.STAND.value, config.plan_limit, f"doing '{config.motion}'")
     robot.wait_for(lambda: robot.mode != Mode.MOTION.value, config.motion_limit, f"through '{config.motion}'")
+    _check_stands(robot)  # a velocity may have begun a walk meanwhile
     accepted, answer = robot.call(topics.START_RELAX)
     if not accepted:
         raise PoiseError(answer)
+    robot.wait_for(lambda: robot.driver_state == topics.DAMPED, config.relax_limit, "damped")
     robot.spin(config.sink_time)
+
+
+def _check_stands(robot: StandingRobot) -> None:
+    """``PoiseError`` for a robot that does not stand."""
+    if robot.mode != Mode.STAND.value:
+        raise PoiseError(f"the robot is not lowered from mode '{robot.mode}': it is damped")

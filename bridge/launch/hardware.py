@@ -16,30 +16,37 @@ PLANTS = (UNITREE, BOOSTER, ROS2_CONTROL)  #: Plants of real robots, by name
 #: Profile of the real robot by that of the simulated one
 PROFILES = {"g1": "g1_hardware", "talos": "talos_hardware"}
 UNITREE_RATE = 500  #: [Hz]
+DOMAIN_MAX = 232  #: Above it, the ports of DDS end
 
 
 def hardware_options(
     plant: str,
     robot: str,
     interface: str,
-    domain: int,
+    domain: int | None,
     rate: int | None,
     plant_options: str,
     at_end: str | None = None,
 ) -> tuple[str, dict[str, Any]]:
     """Profile, and ``plant_options``, ``rates`` by node, ``robot_network`` and ``ending``.
 
-    ``plant`` is one of ``PLANTS``. ``rate`` [Hz] and ``at_end`` may be among the options of the plant instead. Raises
-    ``ConfigError``, which says what is missing, or which two values contradict each other.
+    ``plant`` is one of ``PLANTS``. ``interface``, ``domain`` (0 by default), ``rate`` [Hz] and ``at_end`` may be among
+    the options of the plant instead. Raises ``ConfigError``, which says what is missing or wrong, or which two values
+    contradict each other.
     """
+    given = read_options(plant_options)
+    interface = _agreed("network-interface", interface or None, given, "network_interface")
+    domain = _agreed("robot-domain", domain, given, "domain") or 0
+    if not isinstance(domain, int) or not 0 <= domain <= DOMAIN_MAX:
+        raise ConfigError(f"domain: {domain!r} is not a DDS domain, 0 to {DOMAIN_MAX}")
     if plant != ROS2_CONTROL and not interface:
         raise ConfigError(f"--plant {plant} needs --network-interface: this computer's to the robot, such as eth0")
     interface = interface or LOOPBACK_INTERFACE
-    given = read_options(plant_options)
     rate_of_states = _agreed("robot-rate", None if rate is None else float(rate), given, "rate")
     end = _agreed("at-end", at_end, given, "at_end")
     ending = overlaid(default_config(EndConfig, "bridge", "ending"), {"at_end": end} if end else {}, "at_end")
-    given.pop("at_end", None)
+    for name in ("network_interface", "domain", "at_end"):
+        given.pop(name, None)
     if rate_of_states is None and plant == UNITREE:
         rate_of_states = float(UNITREE_RATE)
     if rate_of_states is not None:

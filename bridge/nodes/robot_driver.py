@@ -150,6 +150,8 @@ class RobotDriver(PoiseNode):
     def deactivate(self) -> None:
         """Release the torque and write the measured latencies."""
         self.drivers.plant.close()
+        if isinstance(self.drivers, HardwareDrivers) and (warning := self.drivers.plant.end_warning):
+            self.get_logger().error(warning)
         if self._probe is not None:
             self._probe.save(Path(self.config.latency_file))
 

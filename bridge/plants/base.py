@@ -95,6 +95,11 @@ class HardwarePlant(Plant, Protocol):
     def report(self) -> Mapping[str, str]:
         """Further entries of the diagnostics."""
 
+    @property
+    def end_warning(self) -> str:
+        """Why ``close`` did not leave the robot as it should; empty when it did."""
+        return ""
+
     def executed(self, command: JointCommand) -> JointCommand:
         """What the robot executes of a command: its gains may be reduced."""
         return command

@@ -33,6 +33,7 @@ class GantryConfig:
     lowering_speed: Positive
     listen_samples: Count
     upright_height: Positive
+    settle_limit: Positive
 
 
 class HangingRobot:

@@ -98,7 +98,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         if self._closed:
             return self._sensors
         foreign = sum(map(self._is_foreign, self._link.commands()))
-        if self.vendor == "":  # else they may be those of the active controller
+        if not self.vendor:  # else they may be those of the active controller
             self._foreign += foreign
         waiting, self._waiting = [*self._waiting, *self._link.take()], []
         samples = [sample for message in waiting if (sample := self._use(message)) is not None]

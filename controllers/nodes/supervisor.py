@@ -146,6 +146,8 @@ class SupervisorNode(PoiseNode):
         return ("the robot hangs in the air: let it down first",) if self._driver_state == topics.HANGING else ()
 
     def _watch(self) -> None:
+        if self._driver_state == topics.RELAXING:
+            return  # it sinks on request, and follows no command: only a request may damp it sooner
         if not self._reports.complete and time.monotonic() < self._adopting_until:
             return
         if self._reports.clock_silence(self._period) > self._clock_timeout:

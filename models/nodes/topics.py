@@ -62,8 +62,8 @@ TF, TF_STATIC = "/tf", "/tf_static"
 ODOM_FRAME, BASE_FRAME, FOOTPRINT_FRAME = "odom", "base_link", "base_footprint"
 IMU_FRAME = "imu"
 
-#: Words of ``driver_state``: held by the simulator, hanging, or the state of the joint drivers
-HELD, HANGING, ACTIVE, DAMPED, OFF = "held", "hanging", "active", "damped", "off"
+#: Words of ``driver_state``: held by the simulator, hanging, sinking on request, or the state of the joint drivers
+HELD, HANGING, RELAXING, ACTIVE, DAMPED, OFF = "held", "hanging", "relaxing", "active", "damped", "off"
 #: Words of ``gait/phase``: the robot cannot walk, or stands still. Others name the phase of a walk.
 GAIT_ABSENT, GAIT_SETTLED = "absent", "settled"
 CONTROL_STATUS, ESTIMATOR_STATUS = "balance_controller/status", "state_estimator/status"

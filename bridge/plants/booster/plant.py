@@ -53,12 +53,15 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
         super().__init__(model, "booster", (network_interface, domain), marker, 1.0 / config.rate, clock, BUTTONS)
         self._codec = BoosterCodec(model, config, clock, self._session)
         self._imu_error = np.zeros(3)  # mean of the accelerometer without gravity [m/s^2]
+        self._remote = False  # whether its remote controller has sent a state
+        self._end_warning = ""
         self._link = DdsBoosterLink(domain, config.mode_period) if link is None else link
 
     def _decode(self, message: Stamped) -> BoosterSample | None:
         if message.state:
             return self._codec.decode(message)
         self._pressed |= pressed_buttons(message.data)
+        self._remote = True
         return None
 
     def _accept(self, sample: BoosterSample) -> None:
@@ -69,10 +72,17 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
         self._imu_error += share * (sample.sensors.accel - GRAVITY * up - self._imu_error)
 
     def _checks(self, sample: BoosterSample) -> list[str]:
-        error, accel = float(np.linalg.norm(self._imu_error)), float(np.linalg.norm(sample.sensors.accel))
-        if error <= self._config.imu_error:
-            return []
-        return [f"accelerometer: {accel:.1f} m/s^2, {error:.1f} m/s^2 off gravity at the estimated orientation"]
+        error, accel, found = float(np.linalg.norm(self._imu_error)), sample.sensors.accel, list[str]()
+        if not self._remote:
+            found.append(
+                "no remote_controller_state yet, so its stop button is without effect: switch it on and press a button"
+            )
+        if error > self._config.imu_error:
+            found.append(
+                f"accelerometer: {np.linalg.norm(accel):.1f} m/s^2, {error:.1f} m/s^2 off gravity at the estimated "
+                f"orientation"
+            )
+        return found
 
     def _is_foreign(self, data: bytes) -> bool:
         return self._codec.is_foreign(data)
@@ -83,6 +93,10 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
     def _decode_command(self, data: bytes) -> JointCommand:
         return self._codec.decode_command(data)
 
+    @property
+    def end_warning(self) -> str:
+        return self._end_warning
+
     def release_vendor(self) -> None:
         """Request mode ``custom``, with a damping command, for which the guard does not stand in."""
         self._link.send(self._encode_command(damping_command(self._model), last=True))
@@ -91,8 +105,14 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
     def _finish(self) -> None:
         data, period = self._encode_command(damping_command(self._model), last=True), real_robot().command_period
         for _ in range(round(self._config.finish_time / period)):
-            self._link.send(data)
-            self._link.damp()
             if self.vendor:
                 return
+            self._link.send(data)
+            self._link.damp()
             time.sleep(period)
+        if not self.vendor:
+            mode = "an unknown mode" if self.vendor is None else "mode custom"
+            self._end_warning = (
+                f"the robot is still in {mode} after {self._config.finish_time:g} s and executes the last damping "
+                f"command: change its mode by its remote controller"
+            )

@@ -46,7 +46,7 @@ class BoosterRobot(HangingRobot):
         config = read_config(settings or {})
         super().__init__(robot, rate=config.rate, **options)
         self.mode = PREPARE
-        self.refuses_custom = False  #: Whether its own controller does not end
+        self.refused_mode: int | None = None  #: Mode that it does not change to
         self.clock_offset = 0  #: Of the stamps from ``tick`` [ms]
         self.temperature = np.full(self.model.nj, 40)
         self.motor_error = np.zeros(self.model.nj, dtype=np.uint32)
@@ -76,7 +76,7 @@ class BoosterRobot(HangingRobot):
 
     def change_mode(self, mode: int) -> None:
         """A request of a client."""
-        if mode != CUSTOM or not self.refuses_custom:
+        if mode != self.refused_mode:
             self.mode = mode
 
     def states(self) -> list[Stamped]:

@@ -69,14 +69,14 @@ def test_only_damping_is_sent_until_the_robot_is_in_mode_custom(loop: BoosterLoo
     loop.reach(StartState.GANTRY)
     loop.run(1.0)
     assert not loop.link.sent and loop.side.mode == PREPARE
-    loop.side.refuses_custom = True
+    loop.side.refused_mode = CUSTOM
     loop.startup.confirm_gantry()
     loop.run(1.0)
     assert loop.link.sent and damping(loop) and loop.side.mode == PREPARE
     assert not loop.guard.armed  # the robot's own controller is in command
     loop.reach(StartState.GANTRY)
     assert "'prepare' is active" in loop.startup.reason
-    loop.side.refuses_custom = False
+    loop.side.refused_mode = None
     loop.startup.confirm_gantry()
     loop.reach(StartState.DAMP)
     assert loop.side.mode == CUSTOM and damping(loop)
@@ -91,13 +91,39 @@ def test_the_end_leaves_the_robot_in_its_own_damping(loop: BoosterLoop, tmp_path
     assert loop.side.mode == DAMPING and not (tmp_path / "marker").exists()
 
 
+def test_the_end_leaves_an_active_controller_alone_and_reports_a_robot_that_does_not_change(
+    loop: BoosterLoop, profiles: tuple[Path, Path], tmp_path: Path
+) -> None:
+    loop.reach(StartState.GANTRY)
+    loop.startup.confirm_gantry()
+    loop.reach(StartState.PREPARE)
+    other = BoosterLoop(tmp_path / "marker_2", laws=profiles[1], robot=profiles[0], finish_time=0.1)
+    other.reach(StartState.GANTRY)
+    other.startup.confirm_gantry()
+    other.reach(StartState.PREPARE)
+    loop.side.mode = PREPARE
+    loop.plant.close()
+    assert loop.side.mode == PREPARE and not loop.plant.end_warning
+    other.side.refused_mode = DAMPING
+    other.plant.close()
+    assert other.side.mode == CUSTOM and "still in mode custom after 0.1 s" in other.plant.end_warning
+
+
+def test_it_does_not_start_without_its_remote_controller(loop: BoosterLoop) -> None:
+    loop.link.states_pass = lambda message: message if message.state else None
+    with pytest.raises(PoiseError, match="no remote_controller_state yet"):
+        loop.reach(StartState.GANTRY, 3.0)
+    loop.link.states_pass = lambda message: message
+    loop.reach(StartState.GANTRY)
+
+
 def test_a_robot_that_is_lowered_sinks_and_ends_in_its_own_damping(standing: BoosterLoop) -> None:
     ending, height = default_config(EndConfig, "bridge", "ending"), standing.side.base[2]
     standing.command(ending.motion)
     standing.run(5.0)
     assert standing.startup.state is StartState.STAND and standing.side.base[2] < 0.6 * height
-    standing.startup.relax()
-    standing.run(ending.sink_time)
+    standing.drivers.relax()
+    standing.run(standing.startup.config.relax_time + ending.sink_time)
     assert standing.startup.state is StartState.DAMPED and "lowered" in standing.startup.reason
     assert standing.side.base[2] < 0.3 * height and damping(standing)
     standing.plant.close()
@@ -138,6 +164,11 @@ def command_twice(loop: BoosterLoop) -> None:
         loop.step()
 
 
+def command_twice_without_service(loop: BoosterLoop) -> None:
+    loop.link.vendor = lambda: None  # type: ignore[method-assign]
+    command_twice(loop)
+
+
 def replace_states(loop: BoosterLoop, change: Callable[[bytes], bytes]) -> None:
     loop.link.states_pass = lambda message: message._replace(data=change(message.data)) if message.state else message
 
@@ -156,6 +187,7 @@ DAMPS = {
     take_over: "Booster's controller 'damping' is active again",
     unplug: "no new state of the robot for 0.040 s",
     command_twice: "lowcmd of another program",
+    command_twice_without_service: "lowcmd of another program",
     shrink: "no new state of the robot",
     spoil: "no new state of the robot",
 }
@@ -171,7 +203,7 @@ def test_a_fault_damps_by_name(loop: BoosterLoop, fault: Callable[[BoosterLoop],
     fault(loop)
     loop.run(0.2)
     assert loop.startup.state is StartState.DAMPED and DAMPS[fault] in loop.startup.reason
-    if loop.link.connected and fault is not command_twice:
+    if loop.link.connected and "lowcmd" not in DAMPS[fault]:
         assert damping(loop)
 
 

@@ -3,6 +3,7 @@
 Bytes of LowState and LowCmd pass between them as on the network; only the network is missing.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -191,19 +192,49 @@ def test_a_lowered_robot_sinks_slowly(tmp_path: Path, seed: int) -> None:
     down = speeds(loop, 5.0)
     assert (loop.stack.mode, loop.startup.state) == (Mode.STAND, StartState.STAND) and loop.side.base[2] < 0.42
     assert max(down) < 0.4
-    loop.startup.relax()
-    sinking = speeds(loop, ending.sink_time)
+    loop.drivers.relax()
+    sinking = speeds(loop, loop.startup.config.relax_time + ending.sink_time)
     assert sinking[0] < 1.0 and sinking[1] < 1.6
     assert loop.startup.state is StartState.DAMPED and "lowered" in loop.startup.reason
     assert loop.side.base[2] < 0.2 and damping(loop.link.sent[-1])
 
 
-def test_a_relaxing_robot_is_damped_at_once(standing: HardwareLoop) -> None:
+def test_only_a_robot_that_has_crouched_may_relax(standing: HardwareLoop) -> None:
+    def refuses(reason: str) -> bool:
+        with pytest.raises(CommandError, match=reason):
+            standing.drivers.relax()
+        return standing.startup.state is StartState.STAND
+
+    assert refuses("standing height, below 75 % is required: crouch first, or damp")
+    standing.command("walk")
+    standing.run(0.1)
+    assert refuses("mode 'walk': stop, then crouch, or damp")
+    standing.command("stop")
+    standing.until(lambda: standing.stack.mode is Mode.STAND, 3.0)
+    standing.command("crouch")
+    standing.run(3.5)
+    assert refuses("mode 'motion'")
+    standing.run(1.5)
+    standing.drivers.relax()
+
+
+@pytest.mark.parametrize(
+    ("stop", "reason"),
+    [
+        (lambda loop: loop.side.press(B_BUTTON), "button B"),
+        (lambda loop: loop.drivers.set_mode(Mode.DAMP), "mode damp was requested"),
+    ],
+    ids=["remote controller", "mode"],
+)
+def test_a_relaxing_robot_is_damped_at_once(
+    standing: HardwareLoop, stop: Callable[[HardwareLoop], None], reason: str
+) -> None:
     standing.startup.relax()
     standing.run(0.1)
-    standing.side.press(B_BUTTON)
+    assert standing.drivers.state == "relaxing" and not damping(standing.link.sent[-1])
+    stop(standing)
     standing.run(0.2)
-    assert "button B" in standing.startup.reason and damping(standing.link.sent[-1])
+    assert reason in standing.startup.reason and damping(standing.link.sent[-1])
 
 
 def drift(loop: HardwareLoop) -> float:

@@ -146,7 +146,7 @@ def test_faults_of_the_network_and_the_processes(session: Session) -> None:
 @slow
 def test_the_end_lowers_the_robot_if_asked(tmp_path: Path) -> None:
     needs_types()
-    ending = overlaid(default_config(EndConfig, "bridge", "ending"), {"sink_time": 6.0}, "ending")
+    ending = overlaid(default_config(EndConfig, "bridge", "ending"), {"relax_limit": 20.0, "sink_time": 4.0}, "ending")
     domains = {"graph_domain": free_domain(), "robot_domain": free_domain()}
     with Session("ros", tmp_path, speed=0.5, **domains) as session:
         session.stand()

@@ -65,6 +65,17 @@ def test_a_robot_that_has_fallen_is_not_armed(bench: Any, world: World, g1: Robo
     bench.wait(refused)
 
 
+def test_only_a_request_damps_a_robot_that_relaxes(bench: Any, world: World, g1: RobotModel) -> None:
+    node = world.adopted(g1)
+    world.drivers(topics.RELAXING)
+    bench.wait(lambda: node._driver_state == topics.RELAXING)
+    world.roll = 1.5
+    bench.spin(0.3)
+    assert world.modes[-1] == "stand"
+    assert world.call("estop")[0]
+    bench.wait(lambda: world.modes[-1] == "damp")
+
+
 def test_a_robot_that_falls_after_the_checks_is_not_armed(bench: Any, world: World, g1: RobotModel) -> None:
     world.robot(g1)
     world.drivers(topics.OFF)

@@ -22,9 +22,12 @@ class Robot:
     """A graph whose modes follow its commands."""
 
     exit_codes: ClassVar[dict[str, int | None]] = {}
+    modes: ClassVar[dict[str, tuple[str, ...]]] = {"stop": ("stand",), "crouch": ("motion", "stand")}
+
+    damps = True  #: Whether it is damped after it has sunk
 
     def __init__(self, mode: str, refuses: str = "") -> None:
-        self.mode, self._refuses = mode, refuses
+        self.mode, self.driver_state, self._refuses = mode, "active", refuses
         self.done: list[str] = []
         self._next: list[str] = []
 
@@ -36,17 +39,21 @@ class Robot:
 
     def send(self, text: str) -> None:
         self.done.append(text)
-        self._next = [] if text == self._refuses else ["stand"] if text == "stop" else ["motion", "stand"]
+        self._next = [] if text == self._refuses else list(self.modes[text])
 
     def call(self, service: str) -> tuple[bool, str]:
         self.done.append(service)
+        self._next = ["relaxing", "damped"] if self.damps else []
         return service != self._refuses, "no"
 
     def wait_for(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
         while not condition():
             if not self._next:
                 raise PoiseError(f"not {what}")
-            self.mode = self._next.pop(0)
+            if self.done[-1] == "start/relax":
+                self.driver_state = self._next.pop(0)
+            else:
+                self.mode = self._next.pop(0)
 
     def spin(self, duration: float) -> None:
         self.done.append("spin")
@@ -82,6 +89,25 @@ def test_a_refused_step_ends_it(config: EndConfig, step: str) -> None:
     with pytest.raises(PoiseError):
         lower(robot, config)
     assert robot.done[-1] == step
+
+
+@pytest.mark.parametrize("modes", [("walk",), ("motion", "walk"), ("damp",), ("motion", "damp")])
+def test_a_robot_that_begins_to_walk_or_is_damped_meanwhile_does_not_relax(
+    config: EndConfig, modes: tuple[str, ...]
+) -> None:
+    robot = Robot("walk")
+    robot.modes = Robot.modes | {"crouch": modes}  # type: ignore[misc]
+    with pytest.raises(PoiseError, match=f"not lowered from mode '{modes[-1]}'"):
+        lower(robot, config)
+    assert robot.done == ["stop", "crouch"]
+
+
+def test_the_processes_end_only_after_damping(config: EndConfig) -> None:
+    robot = Robot("stand")
+    robot.damps = False
+    with pytest.raises(PoiseError, match="not damped"):
+        lower(robot, config)
+    assert "spin" not in robot.done
 
 
 def interrupted(number: int, at_end: bool = True, again: bool = False) -> list[str]:

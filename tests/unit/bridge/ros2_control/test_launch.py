@@ -29,6 +29,8 @@ def test_the_driver_and_the_guard_get_the_options() -> None:
     options = read_options(given["plant_options"])
     assert options == {"network_interface": "lo", "domain": 3, "command": "pvt", "rate": 500.0}
     assert given["rates"]["supervisor"] == {"sensor_rate": 500.0}
+    options = "{command: pvt, rate: 500.0, domain: 3, network_interface: lo}"
+    assert hardware_options("ros2_control", "talos", "", None, None, options)[1] == given
     guard, driver, *_ = given["robot_network"].processes(process_specs(), profile)
     assert guard.arguments[:3] == ("ros2_control", "talos_hardware", "3")
     assert read_options(guard.arguments[3]) == {"command": "pvt", "rate": 500.0}
@@ -63,13 +65,18 @@ def test_the_end_may_be_an_option_of_the_plant_or_of_poise_up() -> None:
         (("g1", "no0", 0, None, ""), "no interface 'no0'"),
         (("g1", "lo", 0, None, "{comand: pvt}"), "comand"),
         (("g1", "lo", 0, 500, "{rate: 1000.0}"), "--robot-rate 500.0 contradicts 'rate: 1000.0'"),
+        (("g1", "lo", 0, None, "{domain: 3}"), "--robot-domain 0 contradicts 'domain: 3'"),
+        (("g1", "lo", None, None, "{domain: x}"), "'x' is not a DDS domain"),
+        (("g1", "lo", 0, None, "{network_interface: eth0}"), "--network-interface lo contradicts"),
         (("g1", "lo", 0, None, "{at_end: lower}", "damp"), "--at-end damp contradicts 'at_end: lower'"),
         (("g1", "lo", 0, None, "{at_end: fall}"), "at_end"),
         (("g1", "lo", 0, None, "{namespace: a b}"), "namespace"),
         (("g1", "lo", 0, None, "{controllers: {gripper: x}}"), "controllers.gripper"),
     ],
 )
-def test_wrong_options_are_refused_by_name(arguments: tuple[str, str, int, int | None, str], reason: str) -> None:
+def test_wrong_options_are_refused_by_name(
+    arguments: tuple[str, str, int | None, int | None, str], reason: str
+) -> None:
     with pytest.raises(ConfigError, match=reason):
         hardware_options("ros2_control", *arguments)
 
