@@ -66,9 +66,9 @@ def test_the_graph_runs_the_plant(folder: Path, monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(
     ("parameters", "culprit"),
     [
-        ({"plant": "robot"}, "plant: unknown 'robot'; known: mujoco"),
-        ({"plant": "replay:"}, "plant: unknown 'replay:'; known: mujoco"),
-        ({"plant": ":ReplayPlant"}, "plant: unknown ':ReplayPlant'; known: mujoco"),
+        ({"plant": "robot"}, "plant: unknown 'robot'; known: booster, mujoco"),
+        ({"plant": "replay:"}, "plant: unknown 'replay:'; known: booster, mujoco"),
+        ({"plant": ":ReplayPlant"}, "plant: unknown ':ReplayPlant'; known: booster, mujoco"),
         ({"plant": "no_such_module:Plant"}, "plant: 'no_such_module:Plant' cannot be imported"),
         ({"plant": "replay:ReplayPlant", "plant_options": "{path: standing.npz}"}, "path"),
         ({"plant": "replay:ReplayPlant", "plant_options": "{file: FOLDER/empty.npz}"}, "no array 'q'"),
