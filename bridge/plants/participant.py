@@ -57,6 +57,14 @@ def take(subscription: Any) -> Any:
     return None if taken is None else taken[0]
 
 
+def reachable(node: Node, requests: Any, responses: str) -> bool:
+    """Whether both topics of a service over messages are matched; a request before that has no answer.
+
+    ``requests`` is the publisher, ``responses`` the name of the topic of the answers.
+    """
+    return bool(requests.get_subscription_count() and node.count_publishers(responses))
+
+
 def ignore(message: Any) -> None:
     """Callback of polled subscriptions; never called."""
 

@@ -16,7 +16,7 @@ from rclpy.utilities import try_shutdown
 from bridge.plants.booster.codec import CUSTOM, DAMPING, MODES, Stamped
 from bridge.plants.hardware import real_robot
 from bridge.plants.low_level import LowLink
-from bridge.plants.participant import SENSOR, ignore, join, take, take_all, take_stamped
+from bridge.plants.participant import SENSOR, ignore, join, reachable, take, take_all, take_stamped
 from models.errors import MessageError
 from models.nodes.interfaces import interface
 
@@ -91,8 +91,7 @@ class DdsBoosterLink(BoosterLink):
 
     @property
     def _reachable(self) -> bool:
-        """Whether both topics of the service are matched; a request before that has no answer."""
-        return bool(self._requests.get_subscription_count() and self._node.count_publishers(f"{SERVICE}Resp"))
+        return reachable(self._node, self._requests, f"{SERVICE}Resp")
 
     def _change(self, mode: int) -> None:
         now = time.monotonic()

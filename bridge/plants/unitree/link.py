@@ -14,7 +14,7 @@ from rclpy.utilities import try_shutdown
 
 from bridge.plants.hardware import real_robot
 from bridge.plants.low_level import LowLink
-from bridge.plants.participant import QUEUE, SENSOR, ignore, join, take, take_all
+from bridge.plants.participant import QUEUE, SENSOR, ignore, join, reachable, take, take_all
 from models.errors import MessageError
 from models.nodes.interfaces import interface
 
@@ -90,8 +90,7 @@ class DdsLink(RobotLink):
 
     @property
     def _reachable(self) -> bool:
-        """Whether both topics of the service are matched; a request before that has no answer."""
-        return bool(self._requests.get_subscription_count() and self._node.count_publishers(f"{SWITCHER}/response"))
+        return reachable(self._node, self._requests, f"{SWITCHER}/response")
 
     def _call(self, function: int) -> int:
         self._id += 1
