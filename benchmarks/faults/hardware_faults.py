@@ -41,7 +41,6 @@ class Row(AnyRow):
     start: bool = False
     value: float = 0.0  #: Of the act, in its unit
     time: Positive | None = None  #: After which the fault ends [s]; it lasts when None
-    torque_step_limit: Positive | None = None  #: Of this row; that of all rows when None [-]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -204,7 +203,7 @@ def measure(robot: str, seed: int, row: str) -> Case:
             loop.start()
             loop.unhook()
             outcome = Trial(loop, asked).run()
-    if not outcome["torque_step"] <= (asked.torque_step_limit or given.torque_step_limit):
+    if not outcome["torque_step"] <= given.torque_step_limit:
         outcome["ok"] = False
     return {"group": asked.group, "expected": asked.expect, "within": asked.within, **outcome}
 
