@@ -121,6 +121,8 @@ class FrictionConfig:
     load: Annotated[float, Field(gt=0.0, lt=1.0)]  #: least load of a sole that counts, of the weight [-]
     flat: Annotated[float, Field(gt=0.0, le=1.0)]  #: least confidence that it lies flat [-]
     speed: Positive  #: least speed of a sole that slides [m/s]
+    #: least cosine of the angle between its velocity and the direction against the ground's force [-]
+    opposed: Annotated[float, Field(ge=0.0, lt=1.0)]
     filter_time: Positive  #: time constant of demand and speed [s]
     slide_time: Positive  #: time constant with which the coefficient follows the demand of a sole that slides [s]
     #: share of the coefficient above which a demand that holds raises it [-]

@@ -283,7 +283,8 @@ def _advance(
     sole_poses(buffer.joints[0], chains)
     rejected = correct_soles(memory.state, chains.soles, memory.gate, memory.error)
     if not missing & STALE:
-        watch_friction(feet.used, contacts.confidence[:, 1], slips.slipping, memory.state.vectors[2:], dt, friction)
+        soles, rotations = memory.state.vectors[2:], memory.state.soles
+        watch_friction(feet.used, contacts.confidence[:, 1], slips.slipping, soles, rotations, dt, friction)
     return changed, rejected, int(innovation[0] > memory.gate) + int(innovation[1] > memory.gate)
 
 

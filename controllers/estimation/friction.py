@@ -20,6 +20,7 @@ class FrictionLimits(NamedTuple):
     load: float  # [N]
     flat: float
     speed: float
+    opposed: float
     filter_time: float
     slide_time: float
     held: float
@@ -57,24 +58,34 @@ def friction_demand(wrench: Array, rectangle: Array) -> float:
 
 @njit(cache=True)
 def watch_friction(
-    wrenches: Array, confidence: Array, slipping: Array, soles: Array, dt: float, memory: FrictionMemory
+    wrenches: Array,
+    confidence: Array,
+    slipping: Array,
+    soles: Array,
+    rotations: Array,
+    dt: float,
+    memory: FrictionMemory,
 ) -> None:
     """One step of ``FrictionEstimator``."""
     limits, rectangles, demands, places, velocities, coefficient = memory
     share = min(dt / limits.filter_time, 1.0)
     for foot in range(2):
-        square = 0.0
+        square, pull, power = 0.0, 0.0, 0.0
         for i in range(2):
             way = soles[foot, i] - places[foot, i] if math.isfinite(places[foot, i]) else 0.0
             places[foot, i] = soles[foot, i]
             velocities[foot, i] += share * (way / dt - velocities[foot, i])
             square += velocities[foot, i] ** 2
+            force = np.dot(rotations[foot, i], wrenches[foot, :3])
+            pull += force**2
+            power += force * velocities[foot, i]
         if wrenches[foot, 2] < limits.load or confidence[foot] < limits.flat:
             demands[foot] = -1.0
             continue
         demand = friction_demand(wrenches[foot], rectangles[foot])
         demands[foot] += (share if demands[foot] >= 0.0 else 1.0) * (demand - demands[foot])
         demand, slides = demands[foot], slipping[foot] > 0.0 and square > limits.speed**2
+        slides = slides and power < -limits.opposed * math.sqrt(pull * square)
         if slides:
             coefficient[0] += min(dt / limits.slide_time, 1.0) * (demand - coefficient[0])
         elif slipping[foot] == 0.0 and demand > limits.held * coefficient[0]:
@@ -92,10 +103,11 @@ class FrictionEstimator:
 
     The demand d is the least coefficient with which the sole bears its wrench: ``m_z`` is the moment about the centre
     of pressure, ``l`` the mean distance of the corners from there, weighted by their load. A sole slides when
-    ``SlipMonitor`` finds a slip and it moves faster than ``speed``; its demand is the coefficient then. A sole that
-    holds shows that the coefficient is at least d; the estimate rises slowly to more, by ``1 / s``, until the sole
-    slides again. Only soles with load and a centre of pressure away from the edges count: one that tips or has just
-    landed moves as well.
+    ``SlipMonitor`` finds a slip, it moves faster than ``speed``, and the ground's force opposes its velocity, as
+    friction does: with joint states that are late by T, a sole that holds seems to move by T times the acceleration of
+    the base, along the force. The demand of a sole that slides is the coefficient then. A sole that holds shows that
+    the coefficient is at least d; the estimate rises slowly to more, by ``1 / s``, until the sole slides again. Only
+    soles with load and a centre of pressure away from the edges count: one that tips or has just landed moves as well.
 
     ``coefficient`` (1,) starts at the expected one of the configuration, or that of the robot's profile.
 
@@ -110,6 +122,7 @@ class FrictionEstimator:
             load=config.load * model.mass * gravity,
             flat=config.flat,
             speed=config.speed,
+            opposed=config.opposed,
             filter_time=config.filter_time,
             slide_time=config.slide_time,
             held=config.held,
@@ -130,11 +143,13 @@ class FrictionEstimator:
         memory.demands[:], memory.places[:], memory.velocities[:] = -1.0, np.nan, 0.0
         self.coefficient[0] = memory.limits.start
 
-    def update(self, wrenches: Matrix, flat: Vector, slipping: Vector, soles: Matrix, dt: float) -> None:
+    def update(
+        self, wrenches: Matrix, flat: Vector, slipping: Vector, soles: Matrix, rotations: NDArray[np.float64], dt: float
+    ) -> None:
         """Advance by ``dt`` [s].
 
         ``wrenches`` are the ground reactions in the sole frames (2, 6) [N, N.m], ``flat`` the confidence that each
         sole lies flat (2,) [-], ``slipping`` is 1 where a foot slips (2,), ``soles`` are the estimated places x, y in W
-        (2, 2) [m].
+        (2, 2) [m], ``rotations`` theirs to W (2, 3, 3).
         """
-        watch_friction(wrenches, flat, slipping, soles, dt, self.memory)
+        watch_friction(wrenches, flat, slipping, soles, rotations, dt, self.memory)

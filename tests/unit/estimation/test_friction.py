@@ -13,6 +13,7 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 
 DT = 0.001
+ROTATIONS = np.tile(np.eye(3), (2, 1, 1))
 CONFIG = default_config(EstimatorConfig, "controllers", "estimator").friction
 
 
@@ -24,17 +25,18 @@ def sole_wrench(model: RobotModel, ratio: float) -> np.ndarray:
 
 
 class Ground:
-    """The left sole bears the weight and slides or holds; the right one is in the air."""
+    """The left sole bears the weight and slides against the ground's force, or holds; the right one is in the air."""
 
     def __init__(self, model: RobotModel, **changed: float) -> None:
         self.model, self.law = model, FrictionEstimator(model, replace(CONFIG, **changed), GRAVITY)
         self.soles = np.zeros((2, 2))
 
-    def run(self, ratio: float, duration: float, *, speed: float = 0.0, flat: float = 1.0) -> float:
+    def run(self, ratio: float, duration: float, *, speed: float = 0.0, flat: float = 1.0, angle: float = 0.0) -> float:
+        """Coefficient after ``duration`` [s]; ``angle`` [rad] is between the velocity and the way against the force."""
         wrenches, slips = np.array([sole_wrench(self.model, ratio), np.zeros(6)]), np.array([float(speed > 0.0), 0.0])
         for _ in range(round(duration / DT)):
-            self.soles[0, 0] += speed * DT
-            self.law.update(wrenches, np.array([flat, 0.0]), slips, self.soles, DT)
+            self.soles[0] -= speed * DT * np.array([np.cos(angle), np.sin(angle)])
+            self.law.update(wrenches, np.array([flat, 0.0]), slips, self.soles, ROTATIONS, DT)
         return float(self.law.coefficient[0])
 
 
@@ -67,6 +69,20 @@ def test_a_sole_that_holds_raises_it_slowly_and_to_no_more_than_the_nominal_one(
 def test_slow_motion_and_tipping_are_no_slides(ground: Ground, speed: float, flat: float) -> None:
     before = ground.law.coefficient[0]
     assert ground.run(0.2, 0.5, speed=speed, flat=flat) == before
+
+
+@pytest.mark.parametrize("angle", [1.0, np.pi])
+def test_a_sole_that_moves_along_the_force_or_across_does_not_slide(ground: Ground, angle: float) -> None:
+    before = ground.law.coefficient[0]
+    assert ground.run(0.2, 0.5, speed=0.1, angle=angle) == before
+
+
+def test_the_force_turns_with_the_sole(ground: Ground, monkeypatch: pytest.MonkeyPatch) -> None:
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    monkeypatch.setattr(f"{__name__}.ROTATIONS", np.tile(quarter, (2, 1, 1)))
+    before = ground.law.coefficient[0]
+    assert ground.run(0.2, 0.2, speed=0.1) == before
+    assert ground.run(0.2, 0.2, speed=0.1, angle=0.5 * np.pi) == pytest.approx(0.2, abs=0.01)
 
 
 def test_turning_needs_friction_too(g1: RobotModel) -> None:
