@@ -221,6 +221,7 @@ class GaitConfig:
     foot: tuple[Positive, Positive]  #: Length and width of the shape of its foot [m]
     zmp: Share  #: ZMP point of single support, from under the ankle (0) to the middle of the sole (1) [-]
     height_rate: Positive  #: Fastest rise of the CoM height reference [m/s]
+    height_acceleration: Positive  #: Largest of the CoM height reference: below that of gravity, feet bear load [m/s^2]
     drop_rate: Positive  #: Fastest descent of the CoM height reference [m/s]
     drop_rate_urgent: Positive  #: ... in an urgent step, whose legs have to reach far in little time [m/s]
     preview: Annotated[int, Field(ge=1, le=12)]  #: Steps that the DCM recursion looks ahead

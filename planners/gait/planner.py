@@ -245,7 +245,9 @@ class GaitPlanner:
         gait, duration = self.state, self.config.timing.start
         end, omega = self._end_of_shift(), self._omega()
         gait.dcm = gait.dcm.blended(end, omega * (end - self._stance_point()), gait.elapsed, duration)
-        if gait.elapsed >= duration:
+        if self.must_step:
+            self._recover()
+        elif gait.elapsed >= duration:
             self._lift()
 
     def _in_double(self) -> None:

@@ -18,6 +18,8 @@ from planners.gait.state import BodyState, GaitPhase, GaitState
 
 Place = tuple[float, float, float, float]  #: x, y, z [m] and heading [rad] in W
 
+SETTLING = 0.02  #: Time constant with which the height of the CoM comes to rest [s]
+
 
 class ReferenceBuilder:
     r"""Reference of one tick: base and torso upright at the mean heading of the feet, CoM at a height over the ground.
@@ -62,14 +64,15 @@ class ReferenceBuilder:
             height = min(height, reach)
         step = config.height_rate * dt
         drop = config.drop_rate_urgent if state.step.urgent else config.drop_rate
-        change = min(max(height - state.body.height, -drop * dt), step)
+        before, rates = state.body, (-drop, config.height_rate)
+        height, rate = approach(before.height, before.rate, height, rates, config.height_acceleration, dt)
         under = middle((left, right)) if swinging < 0 else state.soles.holds[state.stance]
         com, (rise_x, rise_y) = state.measured.com, state.soles.slope.tolist()
         ground = under.z + rise_x * float(com[0] - under.x) + rise_y * float(com[1] - under.y)
         climb = float(state.soles.slope @ state.measured.com_velocity[:2])
-        before = ground if state.body.ground is None else state.body.ground + climb * dt
-        ground = before + min(max(ground - before, -step), step)
-        return BodyState(state.body.height + change, ground, change / dt + climb, self._advance_rise(state, dt))
+        last = ground if before.ground is None else before.ground + climb * dt
+        ground = last + min(max(ground - last, -step), step)
+        return BodyState(height, ground, rate, (rate - before.rate) / dt, climb, self._advance_rise(state, dt))
 
     def _advance_rise(self, state: GaitState, dt: float) -> tuple[float, float, float]:
         """Rise over the stance leg, its rate and acceleration [m, m/s, m/s^2] after one tick."""
@@ -102,8 +105,8 @@ class ReferenceBuilder:
         dcm = state.dcm.dcm
         return Reference(
             com=np.array([dcm[0], dcm[1], (body.ground or 0.0) + body.height + body.rise[0]]),
-            com_velocity=np.array([0.0, 0.0, body.rate + body.rise[1]]),
-            com_acceleration=np.array([0.0, 0.0, body.rise[2]]),
+            com_velocity=np.array([0.0, 0.0, body.rate + body.climb + body.rise[1]]),
+            com_acceleration=np.array([0.0, 0.0, body.acceleration + body.rise[2]]),
             base_orientation=bodies[0],
             torso_orientation=bodies[1],
             posture=self._posture,
@@ -233,6 +236,22 @@ def advance_rise(
 ) -> tuple[float, float, float]:
     """Height, rate and acceleration after ``dt`` [s] on the quintic to ``end``, ``left`` [s] ahead."""
     return quintic_step(rise[0], rise[1], rise[2], end, left, dt)
+
+
+@njit(cache=True)
+def approach(
+    height: float, rate: float, target: float, rates: tuple[float, float], acceleration: float, dt: float
+) -> tuple[float, float]:
+    """Height [m] and its rate after ``dt`` [s] on the way to a target, within ``rates`` [m/s] and an acceleration.
+
+    It brakes so that it comes to rest at the target, in the end with the time constant ``SETTLING``.
+    """
+    missing = target - height - rate * dt  # after this tick
+    way = abs(missing)
+    wish = math.copysign(min(math.sqrt(2.0 * acceleration * way), way / SETTLING), missing)
+    wish = min(max(wish, rates[0]), rates[1])
+    rate = min(max(wish, rate - acceleration * dt), rate + acceleration * dt)
+    return height + rate * dt, rate
 
 
 @njit(cache=True)

@@ -81,7 +81,9 @@ class BodyState(Struct, frozen=True):
     height: float  #: CoM height above the ground [m]
     #: Height of the ground under the CoM, limited in rate off the expected slope [m]; None before the first reference
     ground: float | None = None
-    rate: float = 0.0  #: Vertical velocity of the CoM without its rise [m/s]
+    rate: float = 0.0  #: Of ``height`` [m/s]
+    acceleration: float = 0.0  #: Of ``height`` [m/s^2]
+    climb: float = 0.0  #: Rate of the ground under the CoM [m/s]
     #: Rise over the stance leg, which comes on top; its rate and acceleration [m, m/s, m/s^2]
     rise: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from bridge.closed_loop import ClosedLoop
+from models.constants import GRAVITY
 from models.errors import CommandError
 from models.heading import heading
 from models.types import Mode, SolveStatus
+from planners.gait.state import GaitPhase
 
 
 def test_walks_forward_turns_and_stops() -> None:
@@ -100,6 +102,42 @@ def test_a_wide_step_keeps_the_base_upright(degrees: float, seed: int) -> None:
             tilt = max(tilt, 2.0 * math.asin(math.hypot(*loop.truth.q[3:5])))  # of the base [rad]
     assert tilt < 0.2
     assert not loop.gait.walking
+
+
+def test_the_feet_bear_load_while_the_body_sinks_for_a_wide_step() -> None:
+    """A CoM that falls as fast as it can leaves no force with which the stance foot could keep the body upright."""
+    loop = ClosedLoop("g1", seed=33, record=False)
+    loop.run(1.0)
+    start, force = loop.t, 1.4 * loop.robot.mass / 0.1  # [N] 1.4 m/s in 0.1 s
+    loop.apply_push((-math.sqrt(0.5) * force, math.sqrt(0.5) * force, 0.0), 0.1)  # backward to the left
+    forces = []
+    while not loop.gait.view.swinging or loop.gait.steps == 0:
+        loop.step()
+        if loop.gait.view.swinging:
+            forces.append(loop.plant.wrenches[:, 2].sum())
+        assert loop.t < start + 1.0
+    assert np.mean(forces) > 0.2 * loop.robot.mass * GRAVITY
+    loop.run(4.0)
+    assert not loop.fallen, loop.fall_reason
+    assert not loop.gait.walking
+
+
+def test_a_push_while_the_weight_shifts_before_the_first_step_is_caught() -> None:
+    loop = ClosedLoop("g1", seed=2, record=False)
+    loop.command("walk")
+    loop.run(0.5)
+    loop.set_velocity(0.3, 0.0, 0.0)
+    while loop.gait.phase is not GaitPhase.START:
+        loop.step()
+    loop.run(0.1)
+    loop.apply_push((0.0, 0.8 * loop.robot.mass / 0.1, 0.0), 0.1)
+    start = loop.t
+    while loop.gait.phase is GaitPhase.START:
+        loop.step()
+    assert loop.t - start < 0.2  # the shift alone lasts longer
+    loop.run(4.0)
+    assert not loop.fallen, loop.fall_reason
+    assert loop.mode is Mode.WALK and loop.gait.steps > 4
 
 
 def test_a_walk_repeats_bit_for_bit() -> None:
