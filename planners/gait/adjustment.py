@@ -3,7 +3,6 @@
 import math
 from typing import NamedTuple
 
-import daqp
 import numpy as np
 from msgspec import Struct
 
@@ -11,10 +10,10 @@ from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed, unbox
 from models.types import Matrix, Vector
 from planners.gait.commands import CommandState
-from planners.gait.config import AdjustmentConfig, GaitConfig
+from planners.gait.config import GaitConfig
 from planners.gait.contact import Soles
 from planners.gait.dcm import StepModel, offset_coupling, previewed_offset, swing_allowance
-from planners.gait.foot_motion import FootLimits, reachable_distance
+from planners.gait.foot_motion import FootLimits
 from planners.gait.footsteps import (
     Feet,
     Foothold,
@@ -41,153 +40,8 @@ from planners.gait.regions import (
     region_boxes,
     region_limits,
 )
+from planners.gait.step_problem import UNSOLVED, StepProblem, Weights, best_step, weights_of
 from planners.gait.swing import SwingState, Via
-
-_UNSOLVED = 1e6  #: Value of a QP without a solution [-]
-
-
-class StepProblem(NamedTuple):
-    """One step adjustment, in the stance frame; footholds are ZMP points, from the ZMP point of the stance."""
-
-    dcm: Vector  #: Measured DCM less its shift by the rest of the swing (2,) [m]
-    elapsed: float  #: Since the start of the single support [s]
-    omega: float  #: Of the pendulum [1/s]
-    planned: float  #: Touchdown of the last adjustment, from the start of the single support [s]
-    step: Vector  #: Nominal foothold (2,) [m]
-    time: float  #: Nominal touchdown time [s]
-    offset: Vector  #: DCM offset from the foothold at the nominal touchdown (2,) [m]
-    coupling: float  #: Change of that offset per change of the foothold [-]
-    lower: Vector  #: Least foothold (2,) [m]
-    upper: Vector  #: Largest foothold (2,) [m]
-    soonest: float  #: Least touchdown time [s]
-    latest: float  #: Largest touchdown time [s]
-    cop: Vector  #: Largest CoP offset to either side (2,) [m]
-    kept: bool  #: The foot is on its way into these bounds: the place in them nearest to its way is within reach
-    place: Vector  #: From where the swing foot goes straight to the foothold: now, or a corner that it rounds (2,) [m]
-    velocities: Matrix  #: Of the swing foot there, largest backward and forward along each axis (2, 2) [m/s]
-    leaves: float  #: When it leaves ``place``, from the start of the single support [s]
-    foot_limits: FootLimits  #: Of the swing foot along each axis
-
-
-class Weights(NamedTuple):
-    """Weights of a step adjustment; see ``AdjustmentConfig``."""
-
-    position: float
-    time: float
-    offset: float
-    cop: float
-
-
-class StepQP(NamedTuple):
-    r"""QP in :math:`(u, \tau, \delta)`, overwritten by every problem."""
-
-    hessian: Matrix  #: (5, 5)
-    gradient: Vector  #: (5,)
-    rows: Matrix  #: For the way of the swing foot (4, 5)
-    lower: Vector  #: Of the unknowns, then of the rows (9,)
-    upper: Vector  #: Of the unknowns, then of the rows (9,)
-
-
-class AdjustedStep(Struct, frozen=True):
-    """Solution of a ``StepProblem``."""
-
-    step: Vector  #: Foothold (2,) [m]
-    time: float  #: Touchdown time [s]
-    offset: Vector  #: DCM offset from the foothold at touchdown (2,) [m]
-    cop: Vector  #: CoP offset over the rest of the step (2,) [m]
-    solved: bool  #: By the QP; otherwise this is the nominal step inside the bounds
-
-
-class StepAdjustment:
-    r"""Small QP over foothold, touchdown time, DCM offset and CoP offset.
-
-    With the stance ZMP at the origin, DCM :math:`\xi` at time t of the single support, and
-    :math:`\tau = e^{\omega T}`, the DCM at touchdown is affine in all of them:
-
-    .. math::
-        u + b = e^{-\omega t} \xi\, \tau - (e^{\omega (\bar T - t)} - 1)\, \delta
-
-    so that, with b eliminated,
-
-    .. math::
-        \min_{u, \tau, \delta} w_u |u - \bar u|^2 + w_\tau (\tau - \bar \tau)^2 + w_b |b - \bar b|^2 + w_p |\delta|^2
-        \quad \text{s.t. bounds on } u, \tau, \delta, \quad -w(T - t, -v) \le u - u_{now} \le w(T - t, v)
-
-    The offset ``b`` is soft: it is the distance from a walk that can continue without end. The product of ``delta`` and
-    ``tau`` is linearised at the last time, and so is the way w that a foot of velocity v still gets, the
-    ``reachable_distance``: a farther foothold may be reached later.
-
-    References:
-        Khadiv, Herzog, Moosavian, Righetti: Walking control based on step timing adaptation, T-RO 2020, eq. 14-21.
-    """
-
-    def __init__(self, config: AdjustmentConfig) -> None:
-        self.going_on = Weights(config.position, config.time, config.offset, config.cop)
-        self.ending = self.going_on._replace(time=config.time_ending)
-        self.qp = StepQP(np.zeros((5, 5)), np.zeros(5), np.zeros((4, 5)), np.zeros(9), np.zeros(9))
-        self._sense = np.zeros(9, dtype=np.int32)
-
-    def solve(self, problem: StepProblem, *, ending: bool = False) -> AdjustedStep:
-        """Adjust the step; ``ending`` selects the weights of a walk that ends."""
-        p = problem
-        _assemble(p, self.ending if ending else self.going_on, self.qp)
-        z, solved, _ = self.minimum(p.step, math.exp(p.omega * p.time))
-        decay, ahead = math.exp(-p.omega * p.elapsed), math.exp(p.omega * max(p.planned - p.elapsed, 0.0)) - 1.0
-        offset = decay * z[2] * p.dcm - ahead * z[3:] - z[:2]
-        return AdjustedStep(z[:2], math.log(z[2]) / p.omega, offset, z[3:], solved)
-
-    def minimum(self, step: Vector, tau: float) -> tuple[Vector, bool, float]:
-        r"""Solution of ``qp`` (5,), True and its value; without one the nominal :math:`(u, \tau, 0)` in its bounds."""
-        hessian, gradient, rows, lower, upper = self.qp
-        z, value, flag, _ = daqp.solve(hessian, gradient, rows, upper, lower, self._sense)
-        if flag == 1 and math.isfinite(sum(z.tolist())):
-            return z, True, value
-        return np.clip(np.array([*step, tau, 0.0, 0.0]), lower[:5], upper[:5]), False, _UNSOLVED
-
-
-@njit(cache=True)
-def _assemble(p: StepProblem, weights: Weights, out: StepQP) -> float:
-    """Fill the QP; returns what its objective lacks of that of ``StepAdjustment``."""
-    hessian, gradient, rows, lower, upper = out
-    hessian[:, :], gradient[:], rows[:, :] = 0.0, 0.0, 0.0
-    ahead = math.exp(p.omega * max(p.planned - p.elapsed, 0.0)) - 1.0
-    decay = math.exp(-p.omega * p.elapsed)
-    lacking = 0.5 * weights.time * math.exp(2.0 * p.omega * p.time)
-    for i in range(2):
-        # b_i - coupling (u_i - nominal u_i) - nominal b_i = row . (u_i, tau, delta_i) - goal
-        index = (i, 2, 3 + i)
-        row = (-1.0 - p.coupling, decay * p.dcm[i], -ahead)
-        goal = p.offset[i] - p.coupling * p.step[i]
-        for a in range(3):
-            gradient[index[a]] -= weights.offset * row[a] * goal
-            for b in range(3):
-                hessian[index[a], index[b]] += weights.offset * row[a] * row[b]
-        lacking += 0.5 * (weights.offset * goal * goal + weights.position * p.step[i] ** 2)
-        hessian[i, i] += weights.position
-        gradient[i] -= weights.position * p.step[i]
-        hessian[3 + i, 3 + i] += weights.cop
-    hessian[2, 2] += weights.time
-    gradient[2] -= weights.time * math.exp(p.omega * p.time)
-    lower[5:], upper[5:] = -np.inf, np.inf
-    lower[2], upper[2] = math.exp(p.omega * p.soonest), math.exp(p.omega * p.latest)
-    for i in range(2):
-        rows[2 * i, i], rows[2 * i + 1, i] = 1.0, -1.0
-        lower[i], upper[i] = p.lower[i], p.upper[i]
-        lower[3 + i], upper[3 + i] = -p.cop[i], p.cop[i]
-    # T = planned + (tau - tau_0) / (omega tau_0)
-    at = min(max(p.planned, p.soonest), p.latest)
-    growth = p.omega * math.exp(p.omega * at)
-    for i in range(2):
-        for k in range(2):
-            sign = 1.0 - 2.0 * k
-            velocity = p.velocities[i, 1 - k]
-            way, rate = reachable_distance(at - p.leaves, sign * velocity, p.foot_limits)
-            if p.kept:
-                stop = p.place[i] + 0.5 * velocity * (at - p.leaves)
-                way = max(way, sign * (min(max(stop, p.lower[i]), p.upper[i]) - p.place[i]))
-            rows[2 * i + k, 2] = -rate / growth
-            upper[5 + 2 * i + k] = way - rate / p.omega + sign * p.place[i]
-    return lacking
 
 
 class Walk(Struct, frozen=True):
@@ -208,10 +62,10 @@ class PlannedStep(Struct, frozen=True):
     hold: Foothold
     time: float  #: Touchdown since lift-off [s]
     end: Vector  #: DCM reference then, in W (2,) [m]
-    solved: bool = True  #: By the QP; otherwise this is the nominal step inside the bounds
+    solved: bool = True  #: Otherwise this is the nominal step inside the bounds
     region: Region = Region.OWN
     via: Via | None = None  #: Corner that the foot passes on its way
-    cost: float = 0.0  #: Objective of the QP [-]
+    cost: float = 0.0  #: Objective [-]
 
 
 class _Underway(NamedTuple):
@@ -226,10 +80,11 @@ class _Underway(NamedTuple):
     planned: float
     soonest: float
     latest: float
+    lead: float  #: By which the swing ends before the touchdown [s]
 
 
 class _Nominal(NamedTuple):
-    """Nominal step under way, from ``_assemble_step`` to ``_foothold_of``; each (2,) [m]."""
+    """Nominal step under way, from ``_best_of_region`` to ``_foothold_of``; each (2,) [m]."""
 
     step: Vector  #: Nominal ZMP point in the stance frame, from the ZMP point of the stance
     shift: Vector  #: From a foothold to its ZMP point, less the ZMP point of the stance
@@ -247,7 +102,6 @@ class _Setup(NamedTuple):
     passage: Passage
     cop: Matrix  #: Largest CoP offset in each sole (2, 2) [m]
     half: Matrix  #: Half size of each sole (2, 2) [m]
-    qp: StepQP
     nominal: _Nominal
 
 
@@ -256,10 +110,9 @@ class StepPlanner:
 
     def __init__(self, config: GaitConfig, soles: Soles, leg: SwingLeg) -> None:
         self._config = config
-        self._adjustment = StepAdjustment(config.adjustment)
         self._limits = limits_of(config.reach)
         self._bounds = unbox(self._limits)
-        law, reach = self._adjustment, config.reach
+        reach = config.reach
         boxes, self._corner = region_boxes(region_limits(reach)), (reach.cross_ahead, reach.width_min)
         foot_limits = FootLimits(config.swing.speed_max, config.swing.acceleration_max)
         nearest = soles.half - np.abs(soles.points - soles.centres)  # edge from the ZMP point (2, 2) [m]
@@ -268,7 +121,7 @@ class StepPlanner:
         self._nominal = _Nominal(*(np.zeros(2) for _ in _Nominal._fields))
         self._soles, self._passage = soles, Passage(self._corner, boxes, foot_limits, config.timing.single_urgent)
         self._setup = unbox(
-            _Setup(model, law.going_on, law.ending, self._passage, cop, soles.half, law.qp, self._nominal)
+            _Setup(model, *weights_of(config.adjustment), self._passage, cop, soles.half, self._nominal)
         )
 
     def nominal(self, walk: Walk) -> tuple[Foothold, Vector]:
@@ -306,26 +159,26 @@ class StepPlanner:
         latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
         target = step.hold.x, step.hold.y
         motion = swing.motion, swing.floor, swing.clearance, swing.duration, swing.braking, target
-        body, nominal_tau = (measured.com, measured.com_velocity), math.exp(omega * walk.pace.single)
-        own = Region.URGENT if walk.urgent else Region.OWN
+        body = measured.com, measured.com_velocity
+        own, lead = (Region.URGENT, config.swing.urgent_lead) if walk.urgent else (Region.OWN, 0.0)
         last, best, least = step.region if step.region.crossing else own, None, math.inf
         place = walk.stance.relative(*swing.position[:2].tolist())
         for region in URGENT_REGIONS if walk.urgent or last.crossing else (own,):
             kept, corner = region is last, NOWHERE
             if not kept and divided(walk.foot, place, region, self._corner):
                 continue
-            at = _Underway(walk.foot, region, kept, ends, omega, elapsed, step.time, soonest, latest)
+            at = _Underway(walk.foot, region, kept, ends, omega, elapsed, step.time, soonest, latest, lead)
+            z = np.empty(5)
             for _ in range(2):  # straight, then round the stance foot where it is in the way
-                lacking = _assemble_step(self._setup, poses, at, walk.pace, dcm, motion, body, corner)
-                z, solved, value = self._adjustment.minimum(self._nominal.step, nominal_tau)
+                value = _best_of_region(self._setup, poses, at, walk.pace, dcm, motion, body, corner, z)
                 blocked, missed = _judge(self._setup, at, z)
                 if math.isnan(blocked[0]) or not math.isnan(corner[0]):
                     break
                 corner = blocked
-            cost = value + lacking + config.adjustment.capture * missed**2
+            cost = value + config.adjustment.capture * missed**2
             cost += 0.0 if kept else config.adjustment.switch
             if best is None or cost < least:
-                best, least = (region, z, solved, corner), cost
+                best, least = (region, z, value < UNSOLVED, corner), cost
         assert best is not None
         region, z, solved, corner = best
         end = np.empty(2)
@@ -333,8 +186,8 @@ class StepPlanner:
         hold, time = Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega
         via = None
         if not math.isnan(corner[0]):
-            lead = elapsed + (config.swing.urgent_lead if walk.urgent else 0.0)
-            before, left = step.via if step.region is region else None, (time - lead, step.time - lead)
+            before, passed = step.via if step.region is region else None, elapsed + lead
+            left = time - passed, step.time - passed
             via = swing.via(walk.stance.moved(*corner), (hold.x, hold.y), elapsed, left, before, config.swing.freeze)
         return PlannedStep(hold, time, end, solved, region, via, least)
 
@@ -371,7 +224,7 @@ def _start_of_single(
 
 
 @njit(cache=True)
-def _assemble_step(
+def _best_of_region(
     setup: Unboxed[_Setup],
     poses: Matrix,
     step: _Underway,
@@ -380,20 +233,21 @@ def _assemble_step(
     swing: SwingMotion,
     body: Body,
     corner: Point,
+    z: Vector,
 ) -> float:
-    """Assemble the QP of a step under way, in the stance frame, and its nominal step; returns ``_assemble``.
+    """``best_step`` of a step under way in a region, in the stance frame, and its nominal step.
 
     ``poses`` are those of ``previewed_offset``, ``measured`` is the DCM in W (2,) [m]; ``corner`` is that of
     ``corner_between``.
     """
     fixed, nominal = setup.record, setup.record.nominal
     model, motion = fixed.model, swing[0]
-    foot, region, kept, ends, omega, elapsed, planned, soonest, latest = step
+    foot, region, kept, ends, omega, elapsed, planned, soonest, latest, lead = step
     offset = previewed_offset(poses, foot, ends, omega, pace, model)
     swing_shift = rest_of_swing(omega, planned - elapsed, swing, body, model.leg)
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
     swing_place = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
-    rounds, crossing, foot_limits = not math.isnan(corner[0]), region >= Region.FRONT, fixed.passage.foot_limits
+    rounds, foot_limits = not math.isnan(corner[0]), fixed.passage.foot_limits
     moving, away = rotated(-yaw, motion[1, 0], motion[1, 1]), 0.0
     if rounds:
         away, moving = arrival(swing_place, moving, corner, foot_limits)
@@ -412,8 +266,7 @@ def _assemble_step(
         dcm_free[i], end[i] = free[i], turned[i]
         lower[i], upper[i] = reach[0, i] + shift, reach[1, i] + shift
         at = corner[i] if rounds else swing_place[i]
-        # A foot that is still out of reach may stay in line with its place.
-        place[i] = (min(max(at, reach[0, i]), reach[1, i]) if kept or not crossing else at) + shift
+        place[i] = at + shift
         nominal.dcm[i], nominal.place[i] = free[i], swing_place[i]
         # At a corner the foot may also be slower.
         velocities[i, 0] = min(moving[i], 0.0) if rounds else moving[i]
@@ -422,7 +275,6 @@ def _assemble_step(
         dcm_free,
         elapsed,
         omega,
-        planned,
         nominal.step,
         pace.single,
         end,
@@ -435,10 +287,10 @@ def _assemble_step(
         kept,
         place,
         velocities,
-        elapsed + away,
+        elapsed + away + lead,
         foot_limits,
     )
-    return _assemble(problem, fixed.ending if ends else fixed.going_on, fixed.qp)
+    return best_step(problem, fixed.ending if ends else fixed.going_on, z)
 
 
 @njit(cache=True)
@@ -448,8 +300,8 @@ def _judge(setup: Unboxed[_Setup], step: _Underway, z: Vector) -> tuple[Point, f
     nominal, stance = fixed.nominal, 1 - step.foot
     place, target = nominal.place, z[:2] - nominal.shift
     corner = corner_between(foot, (place[0], place[1]), (target[0], target[1]), fixed.passage.corner)
-    ahead = math.exp(omega * max(step.planned - step.elapsed, 0.0)) - 1.0
-    dcm = math.exp(-omega * step.elapsed) * z[2] * nominal.dcm - ahead * z[3:] - z[:2]
+    growth = math.exp(-omega * step.elapsed) * z[2]
+    dcm = growth * nominal.dcm - (growth - 1.0) * z[3:] - z[:2]
     away = -z[:2]
     return corner, missed((dcm[0], dcm[1]), (away[0], away[1]), stance, fixed.half[foot], omega, fixed.passage)
 
@@ -458,7 +310,7 @@ def _judge(setup: Unboxed[_Setup], step: _Underway, z: Vector) -> tuple[Point, f
 def _foothold_of(
     setup: Unboxed[_Setup], poses: Matrix, foot: int, omega: float, pace: Pace, step: Vector, end: Vector
 ) -> Point:
-    """Foothold x, y in W [m] of a solution ``step`` of the QP; sets ``end``, the DCM at its touchdown (2,) [m]."""
+    """Foothold x, y in W [m] of a solution ``step``; sets ``end``, the DCM at its touchdown (2,) [m]."""
     model, nominal = setup.record.model, setup.record.nominal
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
     stance_centre, coupling = model.points[1 - foot], offset_coupling(omega, pace, model)

@@ -259,6 +259,8 @@ class GaitPlanner:
         gait.toe_off = self._footing.toe_off(1 - gait.stance, ahead, gait.pace.toe_off, elapsed, duration)
         bears = gait.measured.active
         dragged = bears[gait.stance] and not bears[1 - gait.stance]  # off the floor, by the body after a wide step
+        if self._far_off() and bears[0] and bears[1] and not gait.command.route.steps:
+            self._choose_stance()
         if elapsed >= duration or self._far_off() or dragged:
             self._lift()
 
@@ -365,9 +367,10 @@ class GaitPlanner:
         )
 
     def _shift_late_target(self, dt: float) -> Point:
-        """Move the target of a late foot with the DCM, so that it lands as planned relative to it; how fast [m/s]."""
+        """Move the target of a late foot after the DCM, so that it lands as planned relative to it; how fast [m/s]."""
         gait, foot, holds = self.state, 1 - self.state.stance, self.state.soles.holds
-        target, run = holds[foot], gait.measured.dcm(self._omega()) - gait.step.touchdown
+        share = min(dt / self.config.swing.late_time, 1.0)
+        target, run = holds[foot], share * (gait.measured.dcm(self._omega()) - gait.step.touchdown)
         limits = self._regions[gait.step.region]
         x, y = target.x + float(run[0]), target.y + float(run[1])
         shifted = clamped(holds[gait.stance], foot, x, y, target.yaw, limits)
@@ -461,15 +464,20 @@ class GaitPlanner:
 
     def _recover(self) -> None:
         """Step at once with the foot that comes nearer to the DCM after ``push_horizon``, else the farther one."""
-        gait, omega = self.state, self._omega()
-        dcm, holds = gait.measured.dcm(omega), gait.soles.holds
-        ahead, gait.stance = dcm + self.config.push_horizon * gait.dcm_rate, self._soles.nearest(holds, dcm)
-        missed = [self._plan.missed(holds, 1 - stance, ahead, omega) for stance in range(2)]
-        if missed[1 - gait.stance] < missed[gait.stance] - _SWAP_ADVANTAGE:
-            gait.stance = 1 - gait.stance
+        gait = self.state
+        gait.stance = self._soles.nearest(gait.soles.holds, gait.measured.dcm(self._omega()))
+        self._choose_stance()
         gait.command = gait.command.counted(2)
         gait.recovering = True
         self._lift()
+
+    def _choose_stance(self) -> None:
+        """Stand on the other foot if a step from there misses the DCM less, after ``push_horizon``."""
+        gait, omega, holds = self.state, self._omega(), self.state.soles.holds
+        ahead = gait.measured.dcm(omega) + self.config.push_horizon * gait.dcm_rate
+        missed = [self._plan.missed(holds, 1 - stance, ahead, omega) for stance in range(2)]
+        if missed[1 - gait.stance] < missed[gait.stance] - _SWAP_ADVANTAGE:
+            gait.stance = 1 - gait.stance
 
     def _enter(self, phase: GaitPhase) -> None:
         gait = self.state

@@ -210,3 +210,20 @@ def test_a_standing_robot_steps_to_take_a_push_and_then_steps_back_to_its_stance
     assert right.relative(left.x, left.y) == pytest.approx(
         (0.0, loop.gait.config.reach.width), abs=loop.gait.config.astride
     )
+
+
+def test_the_foot_that_has_just_landed_steps_again_when_that_catches_a_push() -> None:
+    """Pushed towards the left foot as it lands: the right one could only cross behind it or in front."""
+    loop = ClosedLoop("g1", seed=24, record=False)
+    loop.command("walk")
+    loop.set_velocity(0.4, 0.0, 0.0)
+    loop.run(2.5)
+    while not (loop.gait.phase is GaitPhase.DOUBLE and loop.gait.stance == 0):
+        loop.step()
+    force = math.sqrt(0.5) * 1.1 * loop.robot.mass / 0.1  # [N] 1.1 m/s in 0.1 s
+    loop.apply_push((force, force, 0.0), 0.1)
+    while loop.gait.phase is not GaitPhase.SINGLE:
+        loop.step()
+    assert loop.gait.stance == 1
+    loop.run(4.0)
+    assert not loop.fallen, loop.fall_reason

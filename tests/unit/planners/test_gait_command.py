@@ -10,10 +10,12 @@ from msgspec import structs
 
 from models.robot_model import RobotModel
 from models.types import STILL
+from planners.gait import adjustment
 from planners.gait.commands import VelocityCommand
 from planners.gait.footsteps import Foothold
 from planners.gait.planner import GaitPlanner
 from planners.gait.state import GaitPhase, GaitView, capture_margin, coming_steps
+from planners.gait.step_problem import UNSOLVED
 from tests.support import standing
 
 AHEAD = (0.3, 0.0, 0.1)
@@ -147,11 +149,9 @@ def test_the_margin_is_mirror_symmetric(planner: GaitPlanner, view: GaitView) ->
 
 
 def test_unsolved_adjustments_are_counted(planner: GaitPlanner, monkeypatch: pytest.MonkeyPatch) -> None:
-    from planners.gait import adjustment
-
     planner.set_velocity(0.2, 0.0, 0.0)
-    solve = adjustment.daqp.solve
-    monkeypatch.setattr(adjustment.daqp, "solve", lambda *args: (*solve(*args)[:2], -1, {}))
+    solve = adjustment._best_of_region
+    monkeypatch.setattr(adjustment, "_best_of_region", lambda *args: max(solve(*args), UNSOLVED))
     while planner.phase is not GaitPhase.SINGLE:
         planner.step(standing(planner.model), 0.01)
     assert planner.state.step.unsolved == 1

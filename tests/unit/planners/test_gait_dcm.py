@@ -101,6 +101,21 @@ def test_a_blend_meets_both_ends() -> None:
         assert rate == pytest.approx(state[1])
 
 
+def test_a_late_foot_follows_the_dcm_without_a_jump(g1: RobotModel) -> None:
+    """However far the DCM has run by then; the reference of foot and DCM moves on from where it is."""
+    planner, planned = in_single_support(g1), []
+    late_time = planner.config.swing.late_time
+    while planner.state.elapsed < planner.state.step.time + 2.0 * late_time:
+        state = standing(g1, planner.state.elapsed, shares=on_one_foot(planner.stance))
+        if planner.state.elapsed > planner.state.step.time - 5 * DT:
+            state.v[:3] = 0.5, 0.0, 0.0  # and so the DCM, by more than 0.1 m
+        planned.append((planner.step(state, DT).dcm.copy(), planner.state.swing.position[:2].copy()))
+    assert planner.phase is GaitPhase.SINGLE
+    late = round(2.0 * late_time / DT)
+    dcm_speed, foot_speed = np.abs(np.diff(planned[-late:], axis=0)).max(axis=(0, 2)) / DT
+    assert dcm_speed < 5.0 and foot_speed < 4.0
+
+
 def test_a_sudden_transfer_counts_in_full() -> None:
     assert dcm.transfer_share(OMEGA, 0.0) == 1.0
     assert dcm.transfer_share(OMEGA, 1e-6) == pytest.approx(1.0, abs=1e-5)
