@@ -118,7 +118,7 @@ class RemoteController:
     """Whether the remote controller of the robot is connected, from its RemoteControllerStates.
 
     It sends its events, or a state periodically: then two messages in succession are the same, and after the second one
-    a silence of ``age_max`` [s] is a lost connection. ``fault`` is why a stop button has no effect, empty otherwise.
+    a silence of ``age_max`` [s] is a lost connection.
     """
 
     def __init__(self, age_max: float) -> None:
@@ -141,6 +141,7 @@ class RemoteController:
 
     @property
     def fault(self) -> str:
+        """Why a stop button has no effect; empty when it has one."""
         if not self._data:
             why = "no remote_controller_state yet"
         elif self._removed:
