@@ -288,7 +288,7 @@ class ControlStack:
             result = self.head.blend_setpoint(result, reference)
         self._monitor.step(state, result.command)
         if isinstance(self._law, BalanceController):
-            self._law.whole_body.set_lookahead(self._monitor.delay - self._period)
+            self._law.whole_body.set_lookahead(self._monitor.lookahead)
         self.result, self.scheduled, self._command_t = result, reference.contacts, state.t
         return result
 

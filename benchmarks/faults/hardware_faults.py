@@ -65,16 +65,15 @@ class CommandSteps:
 
     Both are evaluated at the true state of the robot when the later one takes effect, within the limits of the drives.
     ``largest`` is relative to the drive's rate limit over one period, whatever the time between the two; ``torque`` is
-    that step [N.m]. A switch to or from the command of another program does not count, nor do commands of torques alone
-    to a robot that is down: they damp the velocities of its impact.
+    that step [N.m]. A switch to or from the command of another program does not count.
     """
 
     def __init__(self, loop: AnyLoop) -> None:
         self.largest = self.torque = 0.0
-        self._loop, self._side, self._model = loop, loop.side, loop.side.model
+        self._side, self._model = loop.side, loop.side.model
         self._limit = loop.side.model.tau_rate_max * loop.plant.period
         self._own = loop.side.received > 0
-        self._torques = isinstance(loop, Ros2ControlLoop)
+        self._mark = loop.plant.mark if isinstance(loop, Ros2ControlLoop) else None
         self._receive = loop.side.receive
 
     def watch(self) -> AbstractContextManager[Any]:
@@ -87,7 +86,7 @@ class CommandSteps:
         if self._side.received == accepted:
             return
         own = self._is_own(data)
-        if own and self._own and (self._loop.upright or not self._torques):
+        if own and self._own:
             step = np.abs(self._torque(self._side.drive()) - self._torque(before))
             shares = step / self._limit
             worst = int(shares.argmax())
@@ -97,9 +96,9 @@ class CommandSteps:
 
     def _is_own(self, data: bytes) -> bool:
         """Whether a command is of the driver or the guard."""
-        if not self._torques:
+        if self._mark is None:
             return int(read_low_cmd(data)["reserve"][0]) in (MARK, GUARD_MARK)
-        mark: str = self._loop.plant.mark(data)
+        mark: str = self._mark(data)
         return mark == GUARD or (mark.startswith(DRIVER) and mark != f"{DRIVER}_0")
 
     def _torque(self, command: JointCommand) -> Vector:

@@ -158,7 +158,7 @@ def send(
     text: Annotated[
         str,
         typer.Argument(
-            help="wave, squat, crouch, bow, reach, stand, stop; till stop: forward, backward, left, right, turn, spin.",
+            help="wave, squat, crouch, bow, reach, stand, stop; until stop: forward, backward, left, right, turn, spin",
             autocompletion=_words,
         ),
     ],

@@ -70,16 +70,16 @@ def run_until_signal(
     def say(text: str) -> None:
         console.print(f"[dim]{time.monotonic() - begin:8.2f} s[/dim]  {text}", highlight=False, soft_wrap=True)
 
-    patience = 0 if end is None else 1  # signals before the last
+    interrupts_left = 0 if end is None else 1  # SIGINTs that do not end it at once
 
     def ignore_signals() -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # the shutdown must not be interrupted
 
     def on_signal(number: int, frame: Any) -> None:
-        nonlocal patience
-        patience = patience - 1 if number == signal.SIGINT else -1
-        if patience < 0:
+        nonlocal interrupts_left
+        interrupts_left = interrupts_left - 1 if number == signal.SIGINT else -1
+        if interrupts_left < 0:
             ignore_signals()
         raise _Interrupted
 
@@ -104,7 +104,7 @@ def run_until_signal(
                 say(f"{name} is up; Ctrl-C ends it")
                 while duration is None or time.monotonic() - begin < duration:
                     graph.spin(0.2)
-            if end is not None and patience >= 0 and code == 0:
+            if end is not None and interrupts_left >= 0 and code == 0:
                 with reported():
                     say("lowering the robot; Ctrl-C damps it at once")
                     end(graph)

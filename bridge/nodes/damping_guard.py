@@ -31,7 +31,7 @@ def main(args: list[str] | None = None) -> None:
     config = real_robot()
     realtime.use_fifo(config.guard_priority, lambda text: print(f"damping_guard: {text}", flush=True))
     due = time.monotonic()
-    said = strangers = 0
+    reported = limit = 0  # interventions, and number of foreign commands that is reported when exceeded
     try:
         while True:
             now = time.monotonic()
@@ -40,12 +40,12 @@ def main(args: list[str] | None = None) -> None:
             command = guard.step(now)
             if command is not None:
                 link.send(command)
-            if guard.interventions > said:
-                said = guard.interventions
+            if guard.interventions > reported:
+                reported = guard.interventions
                 print("damping_guard: the driver is silent: damping", flush=True)
-            if guard.strangers > strangers and guard.armed:
-                print(f"damping_guard: another program commands the robot: {guard.strangers} commands", flush=True)
-                strangers = 10 * guard.strangers
+            if guard.foreign > limit and guard.armed:
+                print(f"damping_guard: another program commands the robot: {guard.foreign} commands", flush=True)
+                limit = 10 * guard.foreign
             ended = bool(ending) or os.getppid() != parent
             if ended and (not guard.armed or guard.silence(now) > config.guard_time):
                 if guard.armed and (final := guard.final_command()) is not None:

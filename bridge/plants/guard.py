@@ -24,7 +24,7 @@ class SilenceGuard:
         self.active = False
         self.interventions = 0
         self.refused = 0  #: Messages that cannot be used
-        self.strangers = 0  #: Commands of neither the driver nor a guard
+        self.foreign = 0  #: Commands of neither the driver nor a guard
 
     @property
     def armed(self) -> bool:

@@ -235,8 +235,7 @@ class RealPlant(HardwarePlant):
         """Send a command; nothing is sent before the first sample."""
         if self._sampled and not self._closed:
             self._marker.make()
-            self._sent = self._encode_command(command)
-            self._link.send(self._sent)
+            self._send(command)
 
     def close(self) -> None:
         """Damp the joints and leave the domain."""
@@ -248,13 +247,17 @@ class RealPlant(HardwarePlant):
             for count in range(round(config.close_time / config.command_period)):
                 self.read()
                 command = fade_to_damping(self._model, last, count * config.command_period)
-                self._link.send(self._encode_command(command))
+                self._send(command)
                 time.sleep(config.command_period)
             self._finish()
         self._closed = True
         self._link.close()
         if self._sampled or self._marker.made:
             self._marker.remove()
+
+    def _send(self, command: JointCommand) -> None:
+        self._sent = self._encode_command(command)
+        self._link.send(self._sent)
 
     def _encode_command(self, command: JointCommand) -> bytes:
         """Serialised message of a command at the newest state."""

@@ -54,7 +54,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
     """
 
     state_name = "state"  #: What the protocol calls a state
-    vendor_name = "the robot's controller"  #: What names its vendor's active controller
+    service_name = "the robot's service"  #: Service that names its vendor's active controller
 
     def __init__(
         self,
@@ -155,7 +155,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         if (beyond := np.flatnonzero(np.abs(sample.sensors.q) > real_robot().position_max)).size:
             found.append(f"motor {int(beyond[0])} measures {sample.sensors.q[beyond[0]]:.1f} rad")
         if self.vendor is None:
-            found.append(self._fault or f"{self.vendor_name} does not answer")
+            found.append(self._fault or f"{self.service_name} does not answer")
         return (*found, *self._checks(sample), *self.monitor.holds, *self.monitor.damps)
 
     @property

@@ -1,6 +1,8 @@
 """A participant in a robot's DDS domain that is polled: a node without an executor, without parameters and logs."""
 
-from typing import Any
+import time
+from math import inf
+from typing import Any, NamedTuple
 
 import rclpy
 from rclpy.context import Context
@@ -10,6 +12,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
+from bridge.plants.hardware import real_robot
+from bridge.plants.low_level import LowLink
 from models.nodes.interfaces import interface
 from models.nodes.spin import log_arguments
 
@@ -57,16 +61,89 @@ def take(subscription: Any) -> Any:
     return None if taken is None else taken[0]
 
 
-def reachable(node: Node, requests: Any, responses: str) -> bool:
-    """Whether both topics of a service over messages are matched; a request before that has no answer.
-
-    ``requests`` is the publisher, ``responses`` the name of the topic of the answers.
-    """
-    return bool(requests.get_subscription_count() and node.count_publishers(responses))
-
-
 def ignore(message: Any) -> None:
     """Callback of polled subscriptions; never called."""
+
+
+class Topics(NamedTuple):
+    """Package of the messages of a robot, topics of its states and commands, types and topics of its service."""
+
+    package: str  # which has the types LowState and LowCmd
+    state: str
+    command: str
+    service: str  # package of the types of request and response
+    types: tuple[str, str]
+    requests: str
+    responses: str
+
+
+class ServiceLink(LowLink):
+    """A robot over rclpy, in its domain, whose service over messages names its active controller.
+
+    The service is asked every ``ask_period`` [s]; its answer is unknown ``answer_age_max`` later. The transports are
+    those of this process. Raises ``MessageError`` when the types of the messages are not built.
+    """
+
+    def __init__(self, domain: int, name: str, topics: Topics, ask_period: float | None = None) -> None:
+        state, command = (interface(topics.package, "msg", each) for each in ("LowState", "LowCmd"))
+        self._request, response = (interface(topics.service, "msg", each) for each in topics.types)
+        self._context, self._node = join(domain, name)
+        node, reliable = self._node, QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+        self._states = node.create_subscription(state, topics.state, ignore, SENSOR, raw=True)
+        self._echo = node.create_subscription(command, topics.command, ignore, SENSOR, raw=True)
+        self._responses = node.create_subscription(response, topics.responses, ignore, SENSOR)
+        self._commands = node.create_publisher(command, topics.command, reliable)
+        self._requests = node.create_publisher(self._request, topics.requests, reliable)
+        self._topics, self._config = topics, real_robot()
+        self._ask_period = self._config.ask_period if ask_period is None else ask_period
+        self._looked = self._asked = self._answered = self._changed = -inf
+        self._vendor = ""
+
+    def take(self) -> list[Any]:
+        return take_all(self._states)
+
+    def send(self, data: bytes) -> None:
+        self._commands.publish(data)
+
+    def commands(self) -> list[bytes]:
+        return take_all(self._echo)
+
+    def vendor(self) -> str | None:
+        now = time.monotonic()
+        if now - self._looked >= self._config.look_period:
+            self._looked = now
+            while (response := take(self._responses)) is not None:
+                if (name := self._name_in(response)) is not None:
+                    self._vendor, self._answered = name, now
+            if now - self._asked >= self._ask_period and self._reachable:
+                self._asked = now
+                self._ask()
+        return self._vendor if now - self._answered <= self._config.answer_age_max else None
+
+    @property
+    def _reachable(self) -> bool:
+        """Whether both topics of the service are matched; a request before that has no answer."""
+        return bool(self._requests.get_subscription_count() and self._node.count_publishers(self._topics.responses))
+
+    def _may_change(self) -> bool:
+        """Whether a request that changes the robot's controller may be sent, at most every ``ask_period``."""
+        now = time.monotonic()
+        if now - self._changed < self._config.ask_period or not self._reachable:
+            return False
+        self._changed = now
+        return True
+
+    def _ask(self) -> None:
+        """Request the name of the active controller."""
+        raise NotImplementedError
+
+    def _name_in(self, response: Any) -> str | None:
+        """Name of the active controller, empty for none, in the response to the last ``_ask``; None in another one."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        self._node.destroy_node()
+        try_shutdown(context=self._context)
 
 
 class CommandLink:

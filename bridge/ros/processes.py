@@ -128,11 +128,11 @@ class GraphProcess:
 
 def stop_all(processes: Sequence[GraphProcess]) -> dict[str, int | None]:
     """End processes, gracefully first; returns the exit code by module."""
-    for number, patience in STOP_SIGNALS:
+    for number, timeout in STOP_SIGNALS:
         left = [process for process in processes if process.pid and process.exit_code is None]
         for process in left:
             process.signal(number)
-        end = time.monotonic() + patience
+        end = time.monotonic() + timeout
         while any(process.exit_code is None for process in left) and time.monotonic() < end:
             time.sleep(0.01)
     return {process.spec.module: process.exit_code for process in processes}

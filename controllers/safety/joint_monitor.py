@@ -39,10 +39,14 @@ class _Memory(NamedTuple):
     #: largest torque given; lowest and highest position and fastest velocity at which the drivers follow commands;
     #: largest change of a torque in a tick (10, nj)
     gains: Array
-    sent: Array  # torques of the last commands at zero position and velocity (ticks, nj) [N.m]
+    #: Torques of the last commands at zero position and velocity, and at the sample that they answer
+    #: (2, ticks, nj) [N.m]
+    sent: Array
     share: float  # of a trial in the misfit of a delay [-]
-    misfit: Array  # mean error of the torques over their limits with delays of 1, 2, ... ticks (ticks,) [-]
-    delay: NDArray[np.int64]  # measured delay [ticks] (1,)
+    #: Mean error of the torques over their limits, evaluated by the drives and at the sample, with delays of 1, 2, ...
+    #: ticks (2, ticks) [-]
+    misfit: Array
+    fit: NDArray[np.int64]  # whether torques are evaluated at the sample, measured delay [ticks] (2,)
     expected: Array  # torques (nj,) [N.m]
     torques: Array  # expected and given in the last ticks (rows, 2, nj) [N.m]
     last: Array  # positions and velocities (2, nj)
@@ -61,8 +65,9 @@ class JointMonitor:
     is a motor at fault, and sooner one that gives no torque at a command. The limits of torque and of its rate are
     those of the drivers; near a limit of position or velocity, where they fade torques, nothing is judged. The delay T
     from a sample to the first one that its command has an effect on is measured: with it the torques of all joints fit
-    best. An encoder is at fault when position and velocity have not changed in the last bit for ``window``: the noise
-    of the velocities of the profile changes them at every sample.
+    best. Where q(t - T) and v(t - T) fit better, the law is evaluated at the sample, and its torque is late. An encoder
+    is at fault when position and velocity have not changed in the last bit for ``window``: the noise of the velocities
+    of the profile changes them at every sample.
 
     ``period`` is that of the tick [s]; ``fault``, kept until ``reset``, names joint and figures in one sentence.
     """
@@ -77,10 +82,10 @@ class JointMonitor:
         inside = model.q_lower + given.margin, model.q_upper - given.margin, model.v_max
         gains = np.vstack([model.kp, model.kd, largest, bounds + offsets, *inside, period * model.tau_rate_max])
         delays, share = max(round(given.delay / period), 1), min(_STRIDE * period / given.delay_window, 1.0)
-        sent, misfit, delay = np.zeros((delays, nj)), np.zeros(delays), np.ones(1, dtype=np.int64)
+        sent, misfit, fit = np.zeros((2, delays, nj)), np.zeros((2, delays)), np.zeros(2, dtype=np.int64)
         expected, torques, last, mean = np.zeros(nj), np.zeros((rows, 2, nj)), np.zeros((2, nj)), np.zeros((3, nj))
         still, zero = np.zeros(nj, dtype=np.int64), np.zeros(nj)
-        self._memory = _Memory(gains, sent, share, misfit, delay, expected, torques, last, still, mean)
+        self._memory = _Memory(gains, sent, share, misfit, fit, expected, torques, last, still, mean)
         self._unboxed = unbox(self._memory)
         _watch_joints(np.zeros(nj + 7), np.zeros(nj + 6), zero, zero, zero, zero, 0, self._unboxed)  # compiles
         self.reset()
@@ -88,7 +93,12 @@ class JointMonitor:
     @property
     def delay(self) -> float:
         """Measured delay of the commands [s]."""
-        return self._period * int(self._memory.delay[0])
+        return self._period * int(self._memory.fit[1])
+
+    @property
+    def lookahead(self) -> float:
+        """Time from a sample to the one at which the law of its command is evaluated [s]."""
+        return 0.0 if self._memory.fit[0] else self.delay - self._period
 
     def reset(self) -> None:
         """Clear the fault; judge again after ``grace``."""
@@ -96,7 +106,7 @@ class JointMonitor:
         memory = self._memory
         for array in (memory.expected, memory.torques, memory.sent, memory.still):
             array[:] = 0
-        memory.misfit[:], memory.delay[:], memory.last[:] = np.inf, 1, np.nan
+        memory.misfit[:], memory.fit[:], memory.last[:] = np.inf, (0, 1), np.nan
 
     def step(self, state: RobotState, command: JointCommand) -> None:
         """One tick: the measured state, and the command that answers it, which the drivers have in a later tick."""
@@ -128,15 +138,19 @@ def _watch_joints(
     ``state_q`` (nq,), ``state_v`` (nv,) and ``tau`` (nj,) [N.m] are measured; ``q_set`` [rad], ``v_set`` [rad/s] and
     ``feed_forward`` [N.m], each (nj,), are the command that answers them; ``tick`` counts from the last reset.
     """
-    gains, sent, share, misfit, delay, expected, torques, last, still, mean = memory.record
+    gains, sent, share, misfit, fit, expected, torques, last, still, mean = memory.record
     q, v, rows, nj = state_q[7:], state_v[6:], torques.shape[0], torques.shape[2]
-    row, found, delays = tick % rows, 0, sent.shape[0]
-    follows, feedback = np.zeros(nj, dtype=np.bool_), np.empty(nj)
-    if tick * share > 2 * _STRIDE and misfit.min() < _BETTER * misfit[delay[0] - 1]:  # twice the window
-        delay[0] = 1 + misfit.argmin()
+    row, found, delays = tick % rows, 0, sent.shape[1]
+    follows, feedback = np.zeros(nj, dtype=np.bool_), np.zeros((2, nj))  # by the place of evaluation
+    if tick * share > 2 * _STRIDE:  # twice the window
+        if misfit[1 - fit[0]].min() < _BETTER * misfit[fit[0]].min():
+            fit[0] = 1 - fit[0]
+        if misfit[fit[0]].min() < _BETTER * misfit[fit[0], fit[1] - 1]:
+            fit[1] = 1 + misfit[fit[0]].argmin()
     for j in range(nj):
-        feedback[j] = gains[0, j] * q[j] + gains[1, j] * v[j]
-        commanded = min(max(sent[(tick - delay[0]) % delays, j] - feedback[j], -gains[2, j]), gains[2, j])
+        feedback[0, j] = gains[0, j] * q[j] + gains[1, j] * v[j]
+        commanded = sent[fit[0], (tick - fit[1]) % delays, j] - feedback[fit[0], j]
+        commanded = min(max(commanded, -gains[2, j]), gains[2, j])
         known = tick > 0 and np.isfinite(commanded) and np.isfinite(tau[j])  # a missing sample is no evidence
         known = known and gains[6, j] < q[j] < gains[7, j] and abs(v[j]) < gains[8, j]
         follows[j] = known and abs(commanded - expected[j]) <= gains[9, j]
@@ -151,15 +165,16 @@ def _watch_joints(
         if still[j] >= rows:
             found = -1 - j
     for trial in range(1 + tick % _STRIDE, min(tick, delays) + 1, _STRIDE):
-        total, count = 0.0, 0
-        for j in range(nj):
-            torque = sent[(tick - trial) % delays, j] - feedback[j]
-            if follows[j] and np.isfinite(torque):
-                total += abs(min(max(torque, -gains[2, j]), gains[2, j]) - tau[j]) / gains[2, j]
-                count += 1
-        if count > 0:
-            before = misfit[trial - 1] if misfit[trial - 1] < np.inf else total / count
-            misfit[trial - 1] = before + share * (total / count - before)
+        for at in range(2):
+            total, count = 0.0, 0
+            for j in range(nj):
+                torque = sent[at, (tick - trial) % delays, j] - feedback[at, j]
+                if follows[j] and np.isfinite(torque):
+                    total += abs(min(max(torque, -gains[2, j]), gains[2, j]) - tau[j]) / gains[2, j]
+                    count += 1
+            if count > 0:
+                before = misfit[at, trial - 1] if misfit[at, trial - 1] < np.inf else total / count
+                misfit[at, trial - 1] = before + share * (total / count - before)
     mean[:] = 0.0
     for i in range(rows):
         for j in range(nj):
@@ -173,5 +188,6 @@ def _watch_joints(
         dead = abs(mean[0, j]) > gains[4, j] and mean[2, j] < gains[5, j]
         if (wrong or dead) and found == 0:
             found = 1 + j
-        sent[tick % delays, j] = feed_forward[j] + gains[0, j] * q_set[j] + gains[1, j] * v_set[j]
+        sent[0, tick % delays, j] = feed_forward[j] + gains[0, j] * q_set[j] + gains[1, j] * v_set[j]
+        sent[1, tick % delays, j] = sent[0, tick % delays, j] - feedback[0, j]
     return found

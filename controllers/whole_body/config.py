@@ -148,7 +148,7 @@ class WholeBodyConfig:
     limits: LimitConfig
     solver: SolverConfig
     stepping: SteppingConfig  #: What differs while the robot steps
-    #: Least integration time from accelerations to the drivers' setpoints; a longer measured delay replaces it [s]
+    #: Least integration time from accelerations to the drivers' setpoints; a longer measured look-ahead replaces it [s]
     lookahead_s: NonNegative
     tasks: dict[str, PointTask]  #: Further tasks by name
 

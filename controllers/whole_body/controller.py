@@ -48,8 +48,8 @@ class WholeBodyController:
     with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a foot that lifts or tips returns to
     its foothold.
 
-    The setpoint integrates the acceleration over a look-ahead from the measured state, which is the delay of the
-    commands (``set_lookahead``): the drivers' stiffness opposes only what was not planned meanwhile.
+    The setpoint integrates the acceleration over a look-ahead from the measured state, which is the time until the
+    drives evaluate it (``set_lookahead``): their stiffness opposes only what was not planned meanwhile.
 
     Fallback: no usable solution repeats the last command for ``hold_ticks`` ticks, then commands damping only.
 

@@ -22,21 +22,17 @@ from bridge.launch.robot_network import interface_address
 from bridge.plants.booster.codec import low_cmd, low_state, pack, unpack
 from bridge.plants.booster.simulated import BoosterRobot
 from bridge.plants.config import read_options
-from tests.unitree.process import Program
+from tests.unitree.process import Program, TimedSide
 
 
-class RosSide:
+class RosSide(TimedSide):
     """The robot's side by rclpy."""
 
     def __init__(self, robot: BoosterRobot, where: str, domain: int) -> None:
-        self._robot = robot
+        super().__init__(robot)
         words = [sys.executable, "-m", "tests.booster.service", str(domain)]
         self._service = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        self._told: tuple[object, ...] = ()
-        self.connected = True
-        self._published = self._last = 0.0
-        self.answers: list[float] = []  #: From the newest state to a command [s]
-        self.gaps: list[float] = []  #: Between two commands [s]
+        self._reported: tuple[object, ...] = ()
         self._open(where, domain)
 
     def _open(self, where: str, domain: int) -> None:
@@ -62,15 +58,15 @@ class RosSide:
         state, robot = self._robot.state(), self._robot
         if self.connected:
             self._publish(state)
-            self._published = time.monotonic()
+            self.published = time.monotonic()
         self._exchange_service(robot)
 
     def _exchange_service(self, robot: BoosterRobot) -> None:
         """Report mode and buttons to the service, and execute its requests: lines of numbers and names."""
         pipe_in, pipe_out = self._service.stdin, self._service.stdout
         assert pipe_in is not None and pipe_out is not None
-        if (robot.mode, robot.pressed) != self._told:
-            self._told = robot.mode, robot.pressed
+        if (robot.mode, robot.pressed) != self._reported:
+            self._reported = robot.mode, robot.pressed
             pipe_in.write(" ".join([str(robot.mode), *robot.pressed]).encode() + b"\n")
             pipe_in.flush()
         if select.select([pipe_out], [], [], 0.0)[0] and (lines := os.read(pipe_out.fileno(), 4096)):
@@ -79,12 +75,7 @@ class RosSide:
 
     def take(self) -> None:
         for data in self._received():
-            if self.connected:
-                now = time.monotonic()
-                self._robot.receive(data)
-                self.answers.append(now - self._published)
-                self.gaps.append(now - self._last)
-                self._last = now
+            self.receive(data, self.published)
 
 
 class SdkSide(RosSide):

@@ -19,14 +19,14 @@ from bridge.plants.ros2_control.config import COMMAND, STATE
 from bridge.plants.ros2_control.link import TYPES
 from bridge.plants.ros2_control.simulated import ControlledRobot
 from models.nodes.interfaces import interface
-from tests.unitree.process import Program
+from tests.unitree.process import Program, TimedSide
 
 
-class ControlSide:
+class ControlSide(TimedSide):
     """Controller manager, broadcasters and command controller by rclpy, with the QoS of ros2_controllers."""
 
     def __init__(self, robot: ControlledRobot, domain: int) -> None:
-        self._robot = robot
+        super().__init__(robot)
         config, topics = robot.settings, robot.settings.topic_of
         kind = command_codec(robot.model, config, "").kind
         self._listing = interface("controller_manager_msgs", "srv", "ListControllers")
@@ -44,16 +44,12 @@ class ControlSide:
             self._sensor = node.create_publisher(sensor, topics[STATE], depth)
             self._message = sensor()
             self._message.joint_state.name = list(robot.moving_joints)
-        self.connected = True
-        self._published = self._last = 0.0
-        self.answers: list[float] = []  #: From the newest state to a command [s]
-        self.gaps: list[float] = []  #: Between two commands [s]
 
     def exchange(self) -> None:
         for source, data in self._robot.states():
             if self.connected:
                 self._publishers[source].publish(data)
-        self._published = time.monotonic()
+        self.published = time.monotonic()
         if self._sensor is not None and self._robot.tick % 100 == 0:
             self._sensor.publish(self._message)
         with self._service.handle:
@@ -67,12 +63,7 @@ class ControlSide:
 
     def take(self) -> None:
         for data in take_all(self._commands):
-            if self.connected:
-                now = time.monotonic()
-                self._robot.receive(data)
-                self.answers.append(now - self._published)
-                self.gaps.append(now - self._last)
-                self._last = now
+            self.receive(data, self.published)
 
 
 class ControlProgram(Program):

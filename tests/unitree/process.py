@@ -30,6 +30,29 @@ LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces>
 <Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
 
 
+class TimedSide:
+    """A robot's side of a network that may be cut, and the times of the commands that it receives."""
+
+    def __init__(self, robot: Any) -> None:
+        self._robot = robot
+        self.connected = True
+        self.published = 0.0  #: When the newest state was [s]
+        self.answers: list[float] = []  #: From a state to the command that follows from it [s]
+        self.gaps: list[float] = []  #: Between two commands [s]
+        self._last = 0.0
+
+    def receive(self, data: bytes, since: float | None) -> None:
+        """A command, and when the state that it follows from was published [s]."""
+        if not self.connected:
+            return
+        now = time.monotonic()
+        self._robot.receive(data)
+        if since is not None:
+            self.answers.append(now - since)
+        self.gaps.append(now - self._last)
+        self._last = now
+
+
 class SdkSide:
     """The robot's side by Unitree's SDK; its motion switcher always answers that no controller is active."""
 
@@ -72,7 +95,7 @@ class SdkSide:
                 self._robot.accept(JointCommand(*values))
 
 
-class RosSide:
+class RosSide(TimedSide):
     """The robot's side by rclpy."""
 
     def __init__(self, robot: GantryRobot, interface: str, domain: int) -> None:
@@ -82,7 +105,7 @@ class RosSide:
         from bridge.plants.unitree.link import RELEASE, VERSION
         from models.nodes.interfaces import interface as find
 
-        self._robot = robot
+        super().__init__(robot)
         _, self._node = join(domain, "robot")
         best = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._states = self._node.create_publisher(find("unitree_hg", "msg", "LowState"), "lowstate", best)
@@ -93,11 +116,7 @@ class RosSide:
         self._requests = self._node.create_subscription(request, "api/motion_switcher/request", ignore, 10)
         self._responses = self._node.create_publisher(self._response, "api/motion_switcher/response", 10)
         self._version, self._release = VERSION, RELEASE
-        self.sent: dict[int, float] = {}
-        self.answers: list[float] = []  #: From a state to the command written with it as the newest [s]
-        self.gaps: list[float] = []  #: Between two commands [s]
-        self._last = 0.0
-        self.connected = True
+        self.sent: dict[int, float] = {}  #: Times of the states by tick [s]
 
     def exchange(self) -> None:
         data = self._robot.state()
@@ -111,16 +130,7 @@ class RosSide:
         from bridge.plants.participant import take, take_all
 
         for data in take_all(self._commands):
-            if not self.connected:
-                continue
-            now = time.monotonic()
-            self._robot.receive(data)
-            record = read_low_cmd(data)
-            since = self.sent.get(int(record["reserve"][1]))
-            if since is not None:
-                self.answers.append(now - since)
-            self.gaps.append(now - self._last)
-            self._last = now
+            self.receive(data, self.sent.get(int(read_low_cmd(data)["reserve"][1])))
         while (request := take(self._requests)) is not None:
             response = self._response()
             response.header.identity = request.header.identity

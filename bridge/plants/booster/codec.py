@@ -35,6 +35,7 @@ BUTTONS = (
     "hat_r", "hat_lu", "hat_ld", "hat_ru", "hat_rd",
 )  # fmt: skip
 REMOTE = np.dtype([("event", "<u4"), ("sticks", "<f4", 4), ("buttons", "u1", len(BUTTONS)), ("hat_pos", "u1")])
+REMOVED = 0x606  #: Event of SDL 2: the remote controller is disconnected
 DAMPING, PREPARE, CUSTOM = 0, 1, 3  #: Modes of the robot
 #: Name of each mode in which the vendor's controller is active
 MODES: Mapping[int, str] = {DAMPING: "damping", PREPARE: "prepare", 2: "walking", 4: "soccer"}
@@ -53,6 +54,7 @@ class BoosterConfig:
     imu_error: Positive
     imu_window: Positive
     mode_period: Positive
+    remote_age_max: Positive
     finish_time: Positive
     joints: Annotated[tuple[str, ...], Field(min_length=_MARKS)]
 
@@ -112,10 +114,43 @@ def unpack(name: str, data: bytes, layout: np.dtype[Any]) -> Any:
     return np.frombuffer(data, layout, 1, len(ENCAPSULATION))[0]
 
 
-def pressed_buttons(data: bytes) -> frozenset[str]:
-    """Buttons that are pressed in a serialised RemoteControllerState."""
-    buttons = unpack("remote_controller_state", data, REMOTE)["buttons"]
-    return frozenset(name for name, value in zip(BUTTONS, buttons, strict=True) if value)
+class RemoteController:
+    """Whether the remote controller of the robot is connected, from its RemoteControllerStates.
+
+    It sends its events, or a state periodically: then two messages in succession are the same, and after the second one
+    a silence of ``age_max`` [s] is a lost connection.
+    """
+
+    def __init__(self, age_max: float) -> None:
+        self._age_max = age_max
+        self._data = b""  # newest message
+        self._periodic = False
+        self._age = 0.0  # of that message [s]
+        self._removed = False
+
+    def step(self, dt: float) -> None:
+        """Advance by a time without a message [s]."""
+        self._age += dt
+
+    def receive(self, data: bytes) -> frozenset[str]:
+        """Buttons that are pressed in a serialised RemoteControllerState; ``MessageError`` for a wrong size."""
+        record = unpack("remote_controller_state", data, REMOTE)
+        self._periodic |= data == self._data
+        self._data, self._age, self._removed = data, 0.0, bool(record["event"] == REMOVED)
+        return frozenset(name for name, value in zip(BUTTONS, record["buttons"], strict=True) if value)
+
+    @property
+    def fault(self) -> str:
+        """Why a stop button has no effect; empty when it has one."""
+        if not self._data:
+            why = "no remote_controller_state yet"
+        elif self._removed:
+            why = "the remote controller is disconnected"
+        elif self._periodic and self._age > self._age_max:
+            why = f"no remote_controller_state for more than {self._age_max:g} s"
+        else:
+            return ""
+        return f"{why}, so its stop button is without effect: switch it on and press a button"
 
 
 class BoosterCodec:

@@ -28,7 +28,7 @@ class BoosterGuard(SilenceGuard):
         """A LowCmd from the network at a time [s]."""
         mark = self._codec.mark(data)
         if mark[:1] != bytes([MARK]):
-            self.strangers += int(mark[:1] != bytes([GUARD_MARK]))
+            self.foreign += int(mark[:1] != bytes([GUARD_MARK]))
         elif mark[-1]:
             self._disarm()
         else:

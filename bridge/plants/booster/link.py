@@ -5,18 +5,12 @@ robot (``GET_MODE``) and changes it (``CHANGE_MODE``). LowCmds are executed in m
 """
 
 import json
-import time
 import uuid
-from math import inf
 from typing import Any, Protocol
 
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.utilities import try_shutdown
-
 from bridge.plants.booster.codec import CUSTOM, DAMPING, MODES, Stamped
-from bridge.plants.hardware import real_robot
 from bridge.plants.low_level import LowLink
-from bridge.plants.participant import SENSOR, ignore, join, reachable, take, take_all, take_stamped
+from bridge.plants.participant import SENSOR, ServiceLink, Topics, ignore, take_all, take_stamped
 from models.errors import MessageError
 from models.nodes.interfaces import interface
 
@@ -31,57 +25,24 @@ class BoosterLink(LowLink, Protocol):
         """Request the robot's own damping."""
 
 
-class DdsBoosterLink(BoosterLink):
-    """The robot over rclpy, in the robot's domain; its transports are those of this process.
+TOPICS = Topics(
+    package="booster_interface", state=STATE, command=COMMAND, service="booster_msgs",
+    types=("RpcReqMsg", "RpcRespMsg"), requests=f"{SERVICE}Req", responses=f"{SERVICE}Resp",
+)  # fmt: skip
 
-    Its mode is asked for every ``mode_period`` [s]. Raises ``MessageError`` when the types of ``booster_interface`` and
-    ``booster_msgs`` are not built.
-    """
+
+class DdsBoosterLink(ServiceLink, BoosterLink):
+    """``ServiceLink`` to ``LocoApi`` in a DDS domain, which is asked for the mode every ``mode_period`` [s]."""
 
     def __init__(self, domain: int, mode_period: float) -> None:
-        state, command, remote = (
-            interface("booster_interface", "msg", name) for name in ("LowState", "LowCmd", "RemoteControllerState")
-        )
-        self._request, response = (interface("booster_msgs", "msg", name) for name in ("RpcReqMsg", "RpcRespMsg"))
-        self._context, self._node = join(domain, "poise_booster")
-        node, reliable = self._node, QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-        self._states = node.create_subscription(state, STATE, ignore, SENSOR, raw=True)
-        self._remotes = node.create_subscription(remote, REMOTE_STATE, ignore, SENSOR, raw=True)
-        self._echo = node.create_subscription(command, COMMAND, ignore, SENSOR, raw=True)
-        self._commands = node.create_publisher(command, COMMAND, reliable)
-        self._responses = node.create_subscription(response, f"{SERVICE}Resp", ignore, SENSOR)
-        self._requests = node.create_publisher(self._request, f"{SERVICE}Req", reliable)
-        self._config, self._mode_period = real_robot(), mode_period
-        self._asked = self._changed = self._looked = self._answered = -inf
+        super().__init__(domain, "poise_booster", TOPICS, mode_period)
+        remote = interface("booster_interface", "msg", "RemoteControllerState")
+        self._remotes = self._node.create_subscription(remote, REMOTE_STATE, ignore, SENSOR, raw=True)
         self._pending = ""  # uuid of the last request for the mode
-        self._mode = CUSTOM
 
     def take(self) -> list[Stamped]:
         remotes = [Stamped(False, data) for data in take_all(self._remotes)]
         return [*remotes, *(Stamped(True, *each) for each in take_stamped(self._states))]
-
-    def send(self, data: bytes) -> None:
-        self._commands.publish(data)
-
-    def commands(self) -> list[bytes]:
-        return take_all(self._echo)
-
-    def vendor(self) -> str | None:
-        now = time.monotonic()
-        if now - self._looked >= self._config.look_period:
-            self._looked = now
-            self._exchange(now)
-        if now - self._answered > self._config.answer_age_max:
-            return None
-        return "" if self._mode == CUSTOM else MODES.get(self._mode, f"mode {self._mode}")
-
-    def _exchange(self, now: float) -> None:
-        """Take the answers of the service, and ask again when it is time."""
-        while (response := take(self._responses)) is not None:
-            if response.uuid == self._pending:
-                self._mode, self._answered = mode_of(response.header, response.body), now
-        if now - self._asked >= self._mode_period and self._reachable:
-            self._asked, self._pending = now, self._call(GET_MODE, "")
 
     def release(self) -> None:
         self._change(CUSTOM)
@@ -89,25 +50,24 @@ class DdsBoosterLink(BoosterLink):
     def damp(self) -> None:
         self._change(DAMPING)
 
-    @property
-    def _reachable(self) -> bool:
-        return reachable(self._node, self._requests, f"{SERVICE}Resp")
-
     def _change(self, mode: int) -> None:
-        now = time.monotonic()
-        if now - self._changed >= self._config.ask_period and self._reachable:
-            self._changed = now
+        if self._may_change():
             self._call(CHANGE_MODE, json.dumps({"mode": mode}))
+
+    def _ask(self) -> None:
+        self._pending = self._call(GET_MODE, "")
+
+    def _name_in(self, response: Any) -> str | None:
+        if response.uuid != self._pending:
+            return None
+        mode = mode_of(response.header, response.body)
+        return "" if mode == CUSTOM else MODES.get(mode, f"mode {mode}")
 
     def _call(self, function: int, body: str) -> str:
         name = str(uuid.uuid4())
         header = json.dumps({"api_id": function, "expect_response": True, "call_mode": 0, "req_id": name})
         self._requests.publish(self._request(uuid=name, header=header, body=body))
         return name
-
-    def close(self) -> None:
-        self._node.destroy_node()
-        try_shutdown(context=self._context)
 
 
 def mode_of(header: str, body: str) -> int:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from bridge.plants.booster.codec import BUTTONS, BoosterCodec, BoosterSample, Stamped, pressed_buttons, read_config
+from bridge.plants.booster.codec import BUTTONS, BoosterCodec, BoosterSample, RemoteController, Stamped, read_config
 from bridge.plants.booster.link import BoosterLink, DdsBoosterLink
 from bridge.plants.hardware import RobotClock, real_robot
 from bridge.plants.low_level import LowLevelPlant
@@ -36,7 +36,7 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
     _link: BoosterLink
     state_name = "low_state"
     own_controller = "Booster's controller"
-    vendor_name = "the robot's service LocoApi"
+    service_name = "the robot's service LocoApi"
 
     def __init__(
         self,
@@ -53,19 +53,19 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
         super().__init__(model, "booster", (network_interface, domain), marker, 1.0 / config.rate, clock, BUTTONS)
         self._codec = BoosterCodec(model, config, clock, self._session)
         self._imu_error = np.zeros(3)  # mean of the accelerometer without gravity [m/s^2]
-        self._remote = False  # whether its remote controller has sent a state
+        self._remote = RemoteController(config.remote_age_max)
         self._end_warning = ""
         self._link = DdsBoosterLink(domain, config.mode_period) if link is None else link
 
     def _decode(self, message: Stamped) -> BoosterSample | None:
         if message.state:
             return self._codec.decode(message)
-        self._pressed |= pressed_buttons(message.data)
-        self._remote = True
+        self._pressed |= self._remote.receive(message.data)
         return None
 
     def _accept(self, sample: BoosterSample) -> None:
         super()._accept(sample)
+        self._remote.step(self._period)
         roll, pitch, _ = sample.rpy
         up = np.array([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
         share = min(self._period / self._config.imu_window, 1.0)
@@ -73,16 +73,19 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
 
     def _checks(self, sample: BoosterSample) -> list[str]:
         error, accel, found = float(np.linalg.norm(self._imu_error)), sample.sensors.accel, list[str]()
-        if not self._remote:
-            found.append(
-                "no remote_controller_state yet, so its stop button is without effect: switch it on and press a button"
-            )
+        if self._remote.fault:
+            found.append(self._remote.fault)
         if error > self._config.imu_error:
             found.append(
                 f"accelerometer: {np.linalg.norm(accel):.1f} m/s^2, {error:.1f} m/s^2 off gravity at the estimated "
                 f"orientation"
             )
         return found
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Holds of the monitors, and a remote controller whose connection is lost."""
+        return (*super().holds, *filter(None, [self._remote.fault]))
 
     def _is_foreign(self, data: bytes) -> bool:
         return self._codec.is_foreign(data)

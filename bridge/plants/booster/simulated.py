@@ -51,6 +51,7 @@ class BoosterRobot(HangingRobot):
         self.temperature = np.full(self.model.nj, 40)
         self.motor_error = np.zeros(self.model.nj, dtype=np.uint32)
         self.pressed: tuple[str, ...] = ()  #: Buttons of the remote controller
+        self.remote_event = 0  #: Of its messages
         self.accel_scale = 1.0  #: Of the accelerometer's unit [-]
         self._count = 0  # LowStates so far
         self._codec = BoosterCodec(self.model, config, RobotClock(1.0 / config.rate, real_robot().gap_max))
@@ -101,6 +102,7 @@ class BoosterRobot(HangingRobot):
     def remote(self) -> bytes:
         """The present RemoteControllerState, serialised."""
         record = np.zeros(1, REMOTE)[0]
+        record["event"] = self.remote_event
         record["buttons"] = [name in self.pressed for name in BUTTONS]
         return pack(record)
 

@@ -48,8 +48,11 @@ class CommandCodec(Protocol):
         """What the controller executes of a command."""
         return command
 
-    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
-        """Serialised message of a command for the state q [rad], v [rad/s] (nj,), measured at a stamp [ns]."""
+    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector, last: bytes = b"") -> bytes:
+        """Serialised message of a command for the state q [rad], v [rad/s] (nj,), measured at a stamp [ns].
+
+        ``last`` is the message before it, with any mark; none when empty.
+        """
 
     def decode(self, data: bytes) -> JointCommand:
         """Command in a message of ``encode`` with any mark; ``MessageError`` for other sizes."""
@@ -61,6 +64,9 @@ class CommandCodec(Protocol):
 class EffortCodec(CommandCodec):
     """std_msgs/Float64MultiArray: torques (nj,) [N.m] within the limits of the profile. The mark is a label.
 
+    A torque differs from the last one by no more than the drives' rate limit allows in a ``period`` [s], as in a drive
+    that evaluates its law: whatever shakes a joint, its damping makes no larger step.
+
     The loop of the gains includes the network. On a rotor of inertia I, kd = a I / T and kp = b kd / T give the open
     loop a (s T + b) exp(-s t) / (s T)^2 with a delay t from a state to its torque. For a = 1.2, b = 0.4 the phase at
     its crossover, s T = 1.26 i, is -180 deg at t = 1.003 T: the loop is stable up to the delay T = ``delay_max`` [s],
@@ -71,14 +77,14 @@ class EffortCodec(CommandCodec):
     kind = Float64MultiArray
     evaluated = True
 
-    def __init__(self, model: RobotModel, mark: str, delay_max: float) -> None:
+    def __init__(self, model: RobotModel, mark: str, delay_max: float, period: float) -> None:
         for name, inertia in zip(model.joint_names, model.armature, strict=True):
             if inertia <= 0.0:
                 raise ConfigError(
                     f"robot '{model.name}': joint '{name}' has armature 0, so no gain of command effort is stable: "
                     f"give its rotor inertia in the profile, or use command pvt or feedback"
                 )
-        self._model = model
+        self._model, self._step = model, period * model.tau_rate_max
         self._kd_max, self._kp_of_kd = DAMPING_SHARE * model.armature / delay_max, STIFFNESS_SHARE / delay_max
         message = Float64MultiArray(data=[0.0] * model.nj)
         message.layout.dim = [MultiArrayDimension(label=mark, size=model.nj, stride=model.nj)]
@@ -89,9 +95,12 @@ class EffortCodec(CommandCodec):
         kd = np.minimum(kd, self._kd_max)
         return replace(command, kp=np.minimum(kp, self._kp_of_kd * kd), kd=kd)
 
-    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
+    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector, last: bytes = b"") -> bytes:
         limit = self._model.tau_max
         torque = np.clip(drive_torque(self._model, self.executed(command), q, v), -limit, limit)
+        if last:
+            before = np.frombuffer(last[-8 * self._model.nj :])
+            torque = np.clip(torque, before - self._step, before + self._step)
         return self._begin + torque.astype("<f8").tobytes()
 
     def decode(self, data: bytes) -> JointCommand:
@@ -118,7 +127,7 @@ class PvtCodec(CommandCodec):
         self._rows = np.zeros((model.nj, len(PVT)))
         self._gains = model.kp, model.kd
 
-    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
+    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector, last: bytes = b"") -> bytes:
         kp, kd = _gains(command, self._gains)
         for column, values in enumerate((command.q, command.v, command.tau, kp, kd)):
             self._rows[:, column] = values
@@ -164,7 +173,7 @@ class FeedbackCodec(CommandCodec):
         rows = np.arange(nj)
         self._stiffness, self._damping = (rows, rows + nv - nj), (rows, rows + 2 * nv - nj)
 
-    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector) -> bytes:
+    def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector, last: bytes = b"") -> bytes:
         self._matrix[self._stiffness], self._matrix[self._damping] = _gains(command, self._gains)
         return self._template.pack(stamp, [self._matrix.ravel(), command.tau, command.q, command.v])
 
@@ -187,7 +196,7 @@ class FeedbackCodec(CommandCodec):
 def command_codec(model: RobotModel, config: Ros2ControlConfig, mark: str) -> CommandCodec:
     """Codec of a kind of command; ``MessageError`` when its messages are not built."""
     if config.command == "effort":
-        return EffortCodec(model, mark, config.delay_margin * config.delay)
+        return EffortCodec(model, mark, config.delay_margin * config.delay, 1.0 / config.rate)
     if config.command == "pvt":
         return PvtCodec(model, mark)
     return FeedbackCodec(model, mark, free_flyer=config.free_flyer)

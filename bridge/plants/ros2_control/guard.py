@@ -26,7 +26,7 @@ class ControlGuard(SilenceGuard):
     def __init__(self, model: RobotModel, codec: CommandCodec) -> None:
         super().__init__(model)
         self._joints, self._codec = JointStateDecoder(model), codec
-        self._data = b""  # the driver's last command
+        self._data = b""  # the last command of driver or guard
         zero = np.zeros(model.nj)
         self._stamp, self._q, self._v = 0, zero, zero
         self._measured = -np.inf  # time of the newest joint state [s]
@@ -46,7 +46,7 @@ class ControlGuard(SilenceGuard):
             self._on_command(now)
             self._data = data
         elif mark != GUARD:
-            self.strangers += 1
+            self.foreign += 1
 
     def final_command(self) -> bytes | None:
         if not self._codec.evaluated:
@@ -58,12 +58,14 @@ class ControlGuard(SilenceGuard):
             return self._codec.decode(self._data)
         except PoiseError:
             self.refused += 1
+            self._data = b""
             return damping_command(self._model)
 
     def _encode(self, command: JointCommand, now: float) -> bytes:
         if self._codec.evaluated and not now - self._measured < self._silence_max:
             command = JointCommand.torque(command.tau)
-        return self._codec.encode(self._stamp, command, self._q, self._v)
+        self._data = self._codec.encode(self._stamp, command, self._q, self._v, self._data)
+        return self._data
 
 
 def connect(model: RobotModel, domain: int, options: Mapping[str, Any]) -> tuple[ControlGuard, RosLink]:

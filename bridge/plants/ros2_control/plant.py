@@ -175,7 +175,7 @@ class Ros2ControlPlant(RealPlant):
         """
         if self._codec.evaluated and self.counter.silence > self.config.state_age_max:
             command = JointCommand.torque(command.tau)
-        return self._codec.encode(self._seen.get(JOINTS, 0), command, self._sensors.q, self._sensors.v)
+        return self._codec.encode(self._seen.get(JOINTS, 0), command, self._sensors.q, self._sensors.v, self._sent)
 
     def _decode_command(self, data: bytes) -> JointCommand:
         return self._codec.decode(data)
@@ -185,7 +185,8 @@ class Ros2ControlPlant(RealPlant):
 
     def _finish(self) -> None:
         if self._codec.evaluated:
-            self._link.send(self._encode_command(JointCommand.torque(np.zeros(self._model.nj))))
+            zero = np.zeros(self._model.nj)
+            self._link.send(self._codec.encode(self._seen.get(JOINTS, 0), JointCommand.torque(zero), zero, zero))
 
     @property
     def findings(self) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ class DampingGuard(SilenceGuard):
             self.refused += 1
             return
         if record["reserve"][0] != MARK:
-            self.strangers += int(record["reserve"][0] != GUARD_MARK)
+            self.foreign += int(record["reserve"][0] != GUARD_MARK)
         elif record["reserve"][3]:
             self._disarm()
         else:

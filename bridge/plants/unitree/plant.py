@@ -32,7 +32,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
     _robot: RobotLink
     state_name = "lowstate"
     own_controller = "Unitree's controller"
-    vendor_name = "the motion switcher of the robot"
+    service_name = "the motion switcher of the robot"
 
     def __init__(
         self,

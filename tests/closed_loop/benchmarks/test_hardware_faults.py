@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,7 +12,11 @@ from benchmarks.faults import hardware_faults
 from benchmarks.faults.hardware_acts import ACTS
 from benchmarks.faults.hardware_faults import Row, Trial, config, measure
 from bridge.hardware_loop import HardwareLoop
-from controllers.joints.joint_servo import damping_command
+from bridge.plants.guard import SilenceGuard
+from bridge.plants.hardware import ForeignCommands, RobotClock
+from bridge.plants.ros2_control.commands import EffortCodec
+from bridge.plants.ros2_control.plant import Ros2ControlPlant
+from controllers.joints.joint_servo import JointServo, damping_command
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import JointCommand
@@ -23,6 +28,17 @@ IN_SEQUENCE = (
     "crc_state_once", "crc_command_once", "nan_state_once", "states_repeated_10ms", "cable_10ms", "driver_late_30ms",
     "guard_killed", "hot_91",
 )  # fmt: skip
+
+SLOW = pytest.mark.slow
+#: Guards of rows behind ros2_control, and what they do when they are removed
+REMOVED: list[Any] = [
+    ("other_driver", ForeignCommands, "step", lambda self, count, dt: None),
+    pytest.param("effort_driver_killed", SilenceGuard, "step", lambda self, now: None, marks=SLOW),
+    pytest.param("imu_silent", Ros2ControlPlant, "_ages", lambda self: {}, marks=SLOW),
+    pytest.param("controller_inactive", Ros2ControlPlant, "_inactive", lambda self: [], marks=SLOW),
+    pytest.param("stamps_forward", RobotClock, "step", lambda self, count: count * self._tick, marks=SLOW),
+    pytest.param("effort_control_killed_walk", JointServo, "overdue", lambda self, t: False, marks=SLOW),
+]
 
 
 def test_rows_and_acts_belong_together() -> None:
@@ -52,6 +68,22 @@ def test_a_standing_robot_takes_one_after_the_other(tmp_path: Path, monkeypatch:
 def test_a_row_holds(name: str) -> None:
     case = measure("g1", 0, name)
     assert case["ok"], case
+
+
+@pytest.mark.parametrize(("name", "owner", "method", "removed"), REMOVED)
+def test_a_row_fails_without_its_guard(
+    name: str, owner: type, method: str, removed: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(owner, method, removed)
+    case = measure("g1", 0, name)
+    assert not case["ok"], case
+
+
+def test_torques_without_a_rate_limit_follow_shaken_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    encode = EffortCodec.encode
+    monkeypatch.setattr(EffortCodec, "encode", lambda self, *command: encode(self, *command[:4]))
+    case = measure("g1", 0, "other_driver")
+    assert case["torque_step"] > 2.0  # 1.0 with the limit
 
 
 def test_a_guard_that_does_not_fade_steps(monkeypatch: pytest.MonkeyPatch) -> None:

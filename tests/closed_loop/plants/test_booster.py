@@ -9,7 +9,17 @@ import pytest
 from bridge.driver.startup import StartState
 from bridge.hardware_loop import BoosterLoop, Process
 from bridge.launch.ending import EndConfig
-from bridge.plants.booster.codec import CUSTOM, DAMPING, PREPARE, BoosterCodec, read_config
+from bridge.plants.booster.codec import (
+    CUSTOM,
+    DAMPING,
+    PREPARE,
+    REMOTE,
+    REMOVED,
+    BoosterCodec,
+    RemoteController,
+    pack,
+    read_config,
+)
 from bridge.plants.booster.plant import BoosterPlant
 from bridge.plants.hardware import RobotClock
 from models.config import default_config
@@ -115,6 +125,34 @@ def test_it_does_not_start_without_its_remote_controller(loop: BoosterLoop) -> N
         loop.reach(StartState.GANTRY, 3.0)
     loop.link.states_pass = lambda message: message
     loop.reach(StartState.GANTRY)
+
+
+def test_a_lost_remote_controller_holds_the_robot(standing: BoosterLoop) -> None:
+    side, plant, pass_all = standing.side, standing.plant, standing.link.states_pass
+    for lose, find, reason in (
+        (lambda: setattr(standing.link, "states_pass", lambda message: message if message.state else None),
+         lambda: setattr(standing.link, "states_pass", pass_all), "no remote_controller_state for more than 1 s"),
+        (lambda: setattr(side, "remote_event", REMOVED), lambda: setattr(side, "remote_event", 0), "is disconnected"),
+    ):  # fmt: skip
+        lose()
+        standing.until(lambda: bool(plant.holds), 1.1)
+        standing.run(0.1)
+        assert reason in plant.holds[0] and not standing.stack.command("walk").accepted
+        find()
+        standing.run(0.1)
+        assert not plant.holds and not standing.failure
+
+
+def test_a_remote_controller_that_sends_events_alone_may_be_silent() -> None:
+    remote, record = RemoteController(1.0), np.zeros(1, REMOTE)[0]
+    for event in (0x603, 0x604):
+        record["event"], record["buttons"][1] = event, event == 0x603
+        assert remote.receive(pack(record)) == ({"b"} if event == 0x603 else set())
+        remote.step(5.0)
+        assert not remote.fault
+    remote.receive(pack(record))
+    remote.step(5.0)
+    assert "no remote_controller_state" in remote.fault
 
 
 def test_a_robot_that_is_lowered_sinks_and_ends_in_its_own_damping(standing: BoosterLoop) -> None:
@@ -228,7 +266,7 @@ def test_the_guard_damps_after_the_driver(standing: BoosterLoop) -> None:
     standing.until(lambda: standing.guard.active, 0.1)
     assert standing.side.tick - tick <= 24
     standing.run(0.2)  # the last torque fades
-    assert damping(standing) and standing.guard.strangers == 0
+    assert damping(standing) and standing.guard.foreign == 0
 
 
 def test_wrong_units_and_another_robot_are_refused_before_the_release(loop: BoosterLoop) -> None:

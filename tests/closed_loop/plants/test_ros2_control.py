@@ -48,6 +48,7 @@ CASES = [
     pytest.param({"command": "effort", "delay": 1}, 0.4, marks=pytest.mark.slow),
     pytest.param({"command": "effort", "delay": 4}, 0.4, marks=pytest.mark.slow),
     pytest.param({"command": "effort", "delay": 5}, 0.4, marks=pytest.mark.slow),
+    pytest.param({"command": "effort", "delay": 6}, 0.4, marks=pytest.mark.slow),
     pytest.param({"command": "effort", "laws": "g1"}, 0.4, marks=pytest.mark.slow),  # with sensors in the feet
     pytest.param({"command": "pvt"}, 0.4, marks=pytest.mark.slow),
     pytest.param({"command": "pvt", "delay": 8}, 0.4, marks=pytest.mark.slow),

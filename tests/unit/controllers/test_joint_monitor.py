@@ -116,6 +116,24 @@ def test_a_late_command_is_no_fault_and_a_dead_motor_is_one_all_the_same(g1: Rob
     assert joints.run(150, given=0.0) < 110
 
 
+@pytest.mark.parametrize("at_sample", [False, True])
+def test_a_torque_that_is_evaluated_at_the_sample_needs_no_look_ahead(g1: RobotModel, at_sample: bool) -> None:
+    joints, late_by, commands = Joints(g1), 5, []
+    for tick in range(1500):
+        phase = 2.0 * np.pi * 2.0 * 0.001 * tick
+        state = standing(g1)
+        q, v = state.q[7:] + 0.05 * np.sin(phase), np.full(g1.nj, 0.05 * 4.0 * np.pi * np.cos(phase))
+        noise = joints.rng.standard_normal(g1.nj)
+        commands.append(JointCommand(q, v, 0.1 * g1.tau_max * noise))
+        old = commands[max(tick - late_by, 0)]
+        tau = old.tau if at_sample else old.tau + g1.kp * (old.q - q) + g1.kd * (old.v - v)
+        measured = replace(state, q=np.append(state.q[:7], q), v=np.append(np.zeros(6), v), tau=tau)
+        joints.monitor.step(measured, commands[-1])
+    assert joints.monitor.fault == ""
+    assert joints.monitor.delay == pytest.approx(0.001 * late_by)
+    assert joints.monitor.lookahead == pytest.approx(0.0 if at_sample else 0.001 * (late_by - 1))
+
+
 def test_missing_samples_do_not_change_the_delay(g1: RobotModel) -> None:
     joints = Joints(g1)
     late(joints, 3, noise=20.0, every=8)

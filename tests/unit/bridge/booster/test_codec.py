@@ -10,11 +10,11 @@ from bridge.plants.booster.codec import (
     REMOTE,
     BoosterCodec,
     BoosterConfig,
+    RemoteController,
     Stamped,
     low_cmd,
     low_state,
     pack,
-    pressed_buttons,
     read_config,
     unpack,
 )
@@ -126,14 +126,14 @@ def test_the_guard_damps_after_the_silence_and_not_after_the_last_command(
 ) -> None:
     guard, codec, command = BoosterGuard(model, {}), codec_of(model, config, 7), random_command(model)
     guard.receive(pack(np.zeros(1, low_cmd(model.nj))[0]), 0.0)
-    assert guard.strangers == 1 and not guard.armed
+    assert guard.foreign == 1 and not guard.armed
     guard.receive(codec.encode(command), 1.0)
     assert guard.step(1.0 + 0.9 * SILENCE) is None
     made = guard.step(1.0 + 1.1 * SILENCE)
     assert made is not None and guard.active and not codec.is_foreign(made)
     guard.receive(made, 1.03)  # it receives its own
     later = guard.step(2.0)
-    assert later is not None and guard.strangers == 1
+    assert later is not None and guard.foreign == 1
     damping = codec.decode_command(later)
     assert not np.any(damping.kp) and not np.any(damping.tau) and np.all(damping.kd)
     guard.receive(codec.encode(command, last=True), 2.1)
@@ -143,7 +143,7 @@ def test_the_guard_damps_after_the_silence_and_not_after_the_last_command(
 def test_buttons_of_the_remote_controller() -> None:
     record = np.zeros(1, REMOTE)[0]
     record["buttons"][[BUTTONS.index("lt"), BUTTONS.index("back")]] = 1
-    assert pressed_buttons(pack(record)) == {"lt", "back"}
+    assert RemoteController(1.0).receive(pack(record)) == {"lt", "back"}
 
 
 @pytest.mark.parametrize(

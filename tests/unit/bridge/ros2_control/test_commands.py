@@ -89,6 +89,30 @@ def test_marks(g1: RobotModel) -> None:
         assert codec.mark(b"") == ""
 
 
+def test_a_torque_changes_at_the_rate_of_the_drives(g1: RobotModel) -> None:
+    codec, zero = codec_of(g1, "effort"), np.zeros(g1.nj)
+    damping, fast, steps = damping_command(g1), np.full(g1.nj, 30.0), [zero]
+    data = codec.encode(1, damping, zero, zero)
+    for _ in range(20):
+        data = codec.encode(1, damping, zero, fast, data)
+        steps.append(codec.decode(data).tau)
+    changes = np.abs(np.diff(steps, axis=0)) / (0.001 * g1.tau_rate_max)
+    np.testing.assert_allclose(changes[0], 1.0)  # a joint that is struck
+    assert changes.max() < 1.0 + 1e-9
+    np.testing.assert_allclose(steps[-1], codec.decode(codec.encode(1, damping, zero, fast)).tau)
+
+
+def guarded(guard: ControlGuard, begin: float, end: float, joints: bytes = b"") -> bytes:
+    """Last command of a guard between two times [s], with joint states if there are any."""
+    command = None
+    for now in np.arange(begin, end, real_robot().command_period):
+        if joints:
+            guard.receive((JOINTS, joints), now)
+        command = guard.step(now)
+    assert command is not None
+    return command
+
+
 @pytest.mark.parametrize("command", ["effort", "pvt", "feedback"])
 def test_the_guard_damps_after_the_silence(g1: RobotModel, command: str) -> None:
     driver, codec = codec_of(g1, command), codec_of(g1, command, GUARD)
@@ -98,7 +122,7 @@ def test_the_guard_damps_after_the_silence(g1: RobotModel, command: str) -> None
     moving = joint_state(g1, sensors.v / 10.0)
     assert guard.step(9.0) is None and not guard.armed
     guard.receive((COMMAND, serialize_message(codec.kind())), 9.0)
-    assert guard.strangers == 1 and not guard.armed
+    assert guard.foreign == 1 and not guard.armed
     guard.receive((COMMAND, data), 10.0)
     guard.receive((JOINTS, serialize_message(moving)), 10.0 + SILENCE)
     assert guard.step(10.0 + 0.9 * SILENCE) is None
@@ -107,29 +131,26 @@ def test_the_guard_damps_after_the_silence(g1: RobotModel, command: str) -> None
     assert first is not None and controller.accept(first)
     last = drive_torque(g1, driver.decode(data), sensors.q, sensors.v)
     np.testing.assert_allclose(drive_torque(g1, controller.command(sensors), sensors.q, sensors.v), last, atol=1e-9)
-    half = guard.step(begin + 0.075)  # without joint states since then
-    assert half is not None and controller.accept(half)
+    assert controller.accept(guarded(guard, begin, begin + 0.0751))  # without joint states since then
     if codec.evaluated:
         torque = drive_torque(g1, controller.command(sensors), sensors.q, sensors.v)
-        np.testing.assert_allclose(torque, 0.5 * last, atol=1e-9)
-    guard.receive((JOINTS, serialize_message(moving)), begin + 0.2)
-    made = guard.step(begin + 0.201)
-    assert made is not None and (guard.active, guard.interventions) == (True, 1)
+        np.testing.assert_allclose(torque, (1.0 - 0.074 / 0.15) * last, atol=1e-9)
+    made = guarded(guard, begin + 0.076, begin + 0.201, serialize_message(moving))
+    assert (guard.active, guard.interventions) == (True, 1)
     guard.receive((COMMAND, made), 10.0 + 1.2 * SILENCE)  # it receives its own
-    assert guard.strangers == 1 and guard.active
+    assert guard.foreign == 1 and guard.active
     assert controller.accept(made)
     torque = drive_torque(g1, controller.command(sensors), sensors.q, sensors.v)
     damping = codec.executed(damping_command(g1)).kd
     assert damping is not None and damping.min() > 0.0
     np.testing.assert_allclose(torque, np.clip(-damping * sensors.v, -g1.tau_max, g1.tau_max), atol=1e-9)
-    late = guard.step(11.0)  # without joint states
-    assert late is not None and controller.accept(late)
+    assert controller.accept(guarded(guard, 11.0, 11.06))  # without joint states
     torque = drive_torque(g1, controller.command(sensors), sensors.q, sensors.v)
     assert np.any(torque) != codec.evaluated
     final = guard.final_command()
     assert (final is not None) == codec.evaluated
-    guard.receive((COMMAND, data), 11.0)
-    assert guard.step(11.001) is None and not guard.active
+    guard.receive((COMMAND, data), 11.06)
+    assert guard.step(11.061) is None and not guard.active
 
 
 @pytest.mark.parametrize("command", ["effort", "pvt", "feedback"])

@@ -38,7 +38,7 @@ def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> N
     assert guard.step(100.0 + 0.9 * SILENCE) is None
     begin = 100.0 + 1.1 * SILENCE
     first = guard.step(begin)
-    assert guard.strangers == 0
+    assert guard.foreign == 0
     assert first is not None and (guard.active, guard.interventions) == (True, 1)
     q, v = 0.3 * np.ones(g1.nj), 0.2 * np.ones(g1.nj)
     last = drive_torque(g1, joint_command(read_low_cmd(data), g1.nj), q, v)
@@ -67,7 +67,7 @@ def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
     assert guard.refused == 1 and guard.step(1.0) is None and not guard.armed
     other = new_low_cmd()
     guard.receive(write_low_cmd(other), 0.0)
-    assert guard.strangers == 1 and guard.step(1.0) is None and not guard.armed
+    assert guard.foreign == 1 and guard.step(1.0) is None and not guard.armed
 
 
 def test_the_guard_does_not_damp_after_the_drivers_last_command(g1: RobotModel) -> None:
