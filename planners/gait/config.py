@@ -5,11 +5,10 @@ from importlib.resources import files
 from typing import Annotated, TypeVar
 
 import numpy as np
-import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive, Proportion, Share, default_config, overlaid
+from models.config import STRICT, Fraction, NonNegative, Positive, Proportion, Share, default_config, overlaid
 from models.constants import JOINTS_V
 from models.leg_shapes import foot_size
 from models.robot_model import RobotModel
@@ -220,6 +219,8 @@ class GaitConfig:
     leg: Positive  #: Hip height above the sole of the robot that the lengths are written for [m]
     foot: tuple[Positive, Positive]  #: Length and width of the shape of its foot [m]
     zmp: Share  #: ZMP point of single support, from under the ankle (0) to the middle of the sole (1) [-]
+    #: Share of a joint's torque limit that a nominal step may take, by the root of its mean square
+    torque_share: Fraction
     height_rate: Positive  #: Fastest rise of the CoM height reference [m/s]
     height_acceleration: Positive  #: Largest of the CoM height reference: below that of gravity, feet bear load [m/s^2]
     drop_rate: Positive  #: Fastest descent of the CoM height reference [m/s]
@@ -282,24 +283,18 @@ def _packaged(model: RobotModel) -> GaitConfig:
     own = f"gait_{model.name}"
     if (files("planners") / "config" / f"{own}.yaml").is_file():
         return default_config(GaitConfig, "planners", own)
-    config = scaled(default_config(GaitConfig, "planners", "gait"), leg_length(model), foot_size(model))
+    config = scaled(default_config(GaitConfig, "planners", "gait"), model.leg_length, foot_size(model))
     fastest = min(config.swing.speed_max, config.swing.speed_share * foot_speed(model))
-    return replace(config, swing=replace(config.swing, speed_max=fastest))
+    config = replace(config, swing=replace(config.swing, speed_max=fastest))
+    from planners.gait.strength import within_torques  # which needs the schema of this module
+
+    return within_torques(model, config)
 
 
 def foot_speed(model: RobotModel) -> float:
     """Mean speed of a swing whose peak takes a leg as long as in 'stand' at the median of its joints' limits [m/s]."""
     joints = [joint - JOINTS_V for foot in model.feet for joint in foot.joint_ids_v]
-    return float(np.median(model.v_max[joints])) * leg_length(model) / QUINTIC_PEAK
-
-
-def leg_length(model: RobotModel) -> float:
-    """Height of the first joint of a leg, at the hip, above the soles in the 'stand' posture [m]."""
-    data = model.data()
-    pin.forwardKinematics(model.pin, data, model.standing_configuration())
-    first = model.feet[0].joint_ids_v[0]
-    hip = next(joint for joint in range(1, model.pin.njoints) if model.pin.idx_vs[joint] == first)
-    return float(data.oMi[hip].translation[2])
+    return float(np.median(model.v_max[joints])) * model.leg_length / QUINTIC_PEAK
 
 
 def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitConfig:
