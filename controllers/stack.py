@@ -406,7 +406,8 @@ class ControlStack:
                 self.follow(planned.trajectory)
             except PoiseError as error:
                 return supervisor.motion_refused(str(error))
-            reply = _with_note(reply, planned.reduced)
+            if planned.reduced:
+                reply = replace(_with_note(reply, planned.reduced), details={"size": planned.size})
         return reply
 
     def _plan(self, motion: str) -> "SizedMotion":

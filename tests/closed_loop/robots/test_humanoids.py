@@ -6,13 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.stability.humanoids import Humanoid
 from bridge.closed_loop import ClosedLoop
 from controllers.balance.controller import BalanceController
 from models.proposal.profile_text import write_proposal
 from models.proposal.propose import propose
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState, SolveStatus
-from tests.humanoids import Humanoid
 
 KINDS = {"five-joint legs": Humanoid(ankle_roll=False), "legs below a waist": Humanoid(waist_legs=True)}
 

@@ -92,7 +92,7 @@ class Humanoid:
             place = here
         side_hip = urdf.link(f"{side}_hip_side", 1.0)
         urdf.joint(f"{side}_hip_roll", "roll", hip, side_hip, place, roll, 150.0)
-        thigh = urdf.link(f"{side}_thigh", 4.0, (0.1, 0.09, 0.3), (0.0, 0.0, -0.16))
+        thigh = urdf.link(f"{side}_thigh", 4.0, (0.08, 0.09, 0.26), (0.0, 0.0, -0.19))
         urdf.joint(f"{side}_hip_pitch", "pitch", side_hip, thigh, here, (-2.0, 1.2), 150.0)
         shank = urdf.link(f"{side}_shank", 2.0, (0.08, 0.08, 0.3), (0.0, 0.0, -0.17))
         urdf.joint(f"{side}_knee", "pitch", thigh, shank, (0.0, 0.0, -0.35), (-0.1, 2.2), self.knee)
@@ -127,3 +127,18 @@ class Humanoid:
             link = urdf.link(f"{side}_{kind}_link", 0.6, size, centre)
             urdf.joint(f"{side}_{kind}", axis, above, link, at, limits, 40.0)
             above = link
+
+
+#: A robot of each kind
+KINDS = {
+    "six-joint legs": Humanoid(),
+    "legs below a waist": Humanoid(waist_legs=True),
+    "five-joint legs, no ankle roll": Humanoid(ankle_roll=False),
+    "five-joint legs, no hip yaw": Humanoid(hip_yaw=False),
+    "four-joint legs": Humanoid(ankle_roll=False, hip_yaw=False),
+    "ankles of 8 N.m": Humanoid(ankle=8.0),
+    "knees of 35 N.m": Humanoid(knee=35.0),
+    "one arm": Humanoid(arms=("left",)),
+    "no arms, no head": Humanoid(arms=(), head=False),
+    "arms of two joints": Humanoid(arm_joints=2),
+}
