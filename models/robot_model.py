@@ -150,6 +150,17 @@ class RobotModel:
         q[:JOINTS_Q] = pin.SE3ToXYZQUAT(middle.inverse())
         return q
 
+    def static_torques(self, q: Vector, data: pin.Data) -> Vector:
+        """Joint torques that hold a configuration (nq,) with the least wrenches on both soles (nj,) [N.m]."""
+        gravity = pin.computeGeneralizedGravity(self.pin, data, q)
+        pin.computeJointJacobians(self.pin, data, q)
+        pin.updateFramePlacements(self.pin, data)
+        soles = [pin.getFrameJacobian(self.pin, data, foot.frame_id, pin.LOCAL) for foot in self.feet]
+        contact = np.vstack(soles)  # (12, nv)
+        wrenches = np.linalg.lstsq(contact[:, :JOINTS_V].T, gravity[:JOINTS_V], rcond=None)[0]
+        torques: Vector = (gravity - contact.T @ wrenches)[JOINTS_V:]
+        return torques
+
     def _add_frames(self) -> dict[str, int]:
         feet = self.profile.feet
         soles = {"l_sole": _sole_frame(feet.left), "r_sole": _sole_frame(feet.right)}

@@ -96,6 +96,14 @@ def check_path(
                 f"after {time:.2f} s the CoM would be {margin:.3f} m inside the support polygon, at least "
                 f"{bounds.com_margin:.3f} m"
             )
+        if i % every == 0 or i == len(curve.times) - 1:
+            shares = np.abs(model.static_torques(q, data)) / model.tau_max
+            if shares.max() > config.balance.torque_share:
+                k = int(shares.argmax())
+                raise UnreachableError(
+                    f"after {time:.2f} s joint '{names[k]}' would bear {shares[k] * model.tau_max[k]:.3g} N.m, at most "
+                    f"{config.balance.torque_share * model.tau_max[k]:.3g} of its {model.tau_max[k]:.3g} N.m"
+                )
         if collision.count and (i % every == 0 or i == len(curve.times) - 1):
             distances = collision.distances(q, config.collision.margin)
             allowed = bounds.gaps - config.collision.path_slack
@@ -121,7 +129,11 @@ class SizedMotion(NamedTuple):
     @property
     def reduced(self) -> str:
         """How the motion is reduced, for people; empty where it is not."""
-        return "" if self.size == 1.0 else f"at {100.0 * self.size:.0f} % of its size, as far as the limbs reach"
+        return (
+            ""
+            if self.size == 1.0
+            else f"at {100.0 * self.size:.0f} % of its size, as far as limbs reach and torques go"
+        )
 
 
 class MotionPlanner:

@@ -70,7 +70,7 @@ class Humanoid:
             urdf.link("pelvis", 4.0, (0.12, 0.2, 0.1), (0.0, 0.0, -0.05))
             urdf.joint("waist_roll", "roll", "waist", "pelvis", (0.0, 0.0, -0.03), (-0.5, 0.5), 80.0)
         else:
-            urdf.link("pelvis", 5.0, (0.12, 0.2, 0.12))
+            urdf.link("pelvis", 5.0, (0.06, 0.2, 0.06), (0.0, 0.0, 0.04))
             urdf.link("trunk", *trunk)
             urdf.joint("waist_yaw", "yaw", "pelvis", "trunk", (0.0, 0.0, 0.05), (-1.5, 1.5), 80.0)
         if self.head:
@@ -92,7 +92,7 @@ class Humanoid:
             place = here
         side_hip = urdf.link(f"{side}_hip_side", 1.0)
         urdf.joint(f"{side}_hip_roll", "roll", hip, side_hip, place, roll, 150.0)
-        thigh = urdf.link(f"{side}_thigh", 4.0, (0.08, 0.09, 0.26), (0.0, 0.0, -0.19))
+        thigh = urdf.link(f"{side}_thigh", 4.0, (0.1, 0.09, 0.3), (0.0, 0.0, -0.16))
         urdf.joint(f"{side}_hip_pitch", "pitch", side_hip, thigh, here, (-2.0, 1.2), 150.0)
         shank = urdf.link(f"{side}_shank", 2.0, (0.08, 0.08, 0.3), (0.0, 0.0, -0.17))
         urdf.joint(f"{side}_knee", "pitch", thigh, shank, (0.0, 0.0, -0.35), (-0.1, 2.2), self.knee)

@@ -243,8 +243,8 @@ _TEXT = {
     "robots": """\
 # Robots from their files alone
 
-What `poise check-robot` finds ([robots.md](robots.md)), written by `poise bench robots --plot docs`: every URDF and MJCF
-file of the installed packages that has two legs to stand on, and the generated robots of
+What `poise check-robot` finds ([robots.md](robots.md)), written by `poise bench robots --plot docs`: every URDF and
+MJCF file of the installed packages that has two legs to stand on, and the generated robots of
 `benchmarks/stability/humanoids.py`. One seed.
 
 """,

@@ -39,12 +39,14 @@ def test_the_pace_is_smooth_over_the_speed(config: GaitConfig, direction: tuple[
 
 
 def test_the_pace_is_slow_at_rest_and_fast_at_the_largest_velocities(config: GaitConfig) -> None:
+    """The largest velocities are those of the fast gait, but for one that torques limit: TALOS forward."""
     limits, names = config.velocity, ("single", "double", "crouch", "clearance")
     slow, fast = (pace_at(share, config.pace) for share in (0.0, 1.0))
     assert [getattr(slow, name) for name in names] == pytest.approx([getattr(config.pace.slow, name) for name in names])
     assert [getattr(fast, name) for name in names] == pytest.approx([getattr(config.pace.fast, name) for name in names])
-    for velocity in ((limits.forward, 0.0, 0.0), (0.0, limits.lateral, 0.0), (0.0, 0.0, limits.turn)):
+    for velocity in ((config.pace.forward, 0.0, 0.0), (0.0, limits.lateral, 0.0), (0.0, 0.0, limits.turn)):
         assert share_of(velocity, config.pace) == pytest.approx(1.0)
+    assert limits.forward == 1.2 if config.pace.forward == 1.2 else 1.0 < limits.forward < config.pace.forward
 
 
 @pytest.mark.parametrize("axis", range(3))
