@@ -16,7 +16,7 @@ from models.types import ContactState, Reference, RobotState, Vector, Velocity
 from planners.gait.adjustment import PlannedStep, StepPlanner, Walk
 from planners.gait.ankle import AnkleStops
 from planners.gait.commands import Commands, CommandState, exceeded
-from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneDetector, Soles
 from planners.gait.dcm import DcmState, single_support
 from planners.gait.footing import FLAT, Footing
@@ -27,6 +27,7 @@ from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.regions import Region, region_limits
 from planners.gait.route import Footstep, Route
+from planners.gait.scaling import load_gait_config
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
 from planners.gait.strength import torque_limits
 from planners.gait.swing import SwingFoot

@@ -15,8 +15,9 @@ from models.proposal.propose import propose
 from models.robot_model import RobotModel
 from models.types import STILL
 from planners.gait.commands import exceeded
-from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.config import GaitConfig
 from planners.gait.pace import pace_at
+from planners.gait.scaling import load_gait_config
 from planners.gait.strength import STANDSTILL, StepLoads, torque_limits, within_torques
 
 Build = Callable[[Humanoid], RobotModel]
@@ -40,7 +41,7 @@ def test_strong_legs_are_not_limited(g1: RobotModel, build: Build) -> None:
         config = load_gait_config(model)
         assert torque_limits(model, config) == {}
         assert within_torques(model, replace(config, torque_share=0.99)) == replace(config, torque_share=0.99)
-    assert load_gait_config(g1).velocity.forward == 1.2
+    assert load_gait_config(g1).velocity.forward == pytest.approx(1.2, abs=1e-3)
 
 
 def test_talos_is_as_fast_as_its_hips(talos: RobotModel) -> None:
@@ -78,7 +79,7 @@ def test_a_limit_is_where_the_load_is_what_is_allowed(build: Build) -> None:
     # Twice the torque, half the share.
     strong = StepLoads(build(Humanoid(knee=90.0)), config)
     shares = loads.shares(STILL, slow).max(), strong.shares(STILL, slow).max()
-    assert shares[0] == pytest.approx(2.0 * shares[1], rel=1e-6)
+    assert shares[0] == pytest.approx(2.0 * shares[1], rel=1e-3)
 
 
 def test_on_the_spot_the_knee_bears_what_standing_on_it_takes(build: Build) -> None:
