@@ -21,6 +21,8 @@ from models.proposal.profile_text import write_proposal
 from models.proposal.propose import Proposal, propose
 from models.robot_model import RobotModel
 from models.types import CommandReply, Mode
+from planners.gait.scaling import load_gait_config
+from planners.gait.strength import torque_limits
 from planners.motion import MotionPlanner
 from planners.whole_body_ik import arms
 
@@ -65,12 +67,12 @@ class Trials:
     @property
     def limits(self) -> list[str]:
         """What limits the walk of the robot, and to what."""
-        gait = (self._loop or ClosedLoop(self._model, seed=self._seed)).gait
-        velocity, texts = gait.config.velocity, {"crouch": f"{100.0 * gait.config.pace.slow.crouch:.1f} cm"}
+        gait = load_gait_config(self._model)
+        velocity, texts = gait.velocity, {"crouch": f"{100.0 * gait.pace.slow.crouch:.1f} cm"}
         texts |= {name: f"{getattr(velocity, name):.2f} m/s" for name in ("forward", "backward", "lateral")}
         texts["turn"] = f"{velocity.turn:.2f} rad/s"
         causes: dict[str, list[str]] = {}
-        for name, cause in gait.limits.items():
+        for name, cause in torque_limits(self._model, gait).items():
             causes.setdefault(cause, []).append(f"{name} {texts[name]}")
         return [f"the walk is limited by {cause}: {', '.join(limited)}" for cause, limited in causes.items()]
 
