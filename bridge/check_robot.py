@@ -233,7 +233,8 @@ def check_robot(
         model = RobotModel.load(files[0])
         trials = Trials(model, default_config(TrialConfig, "bridge", "check_robot"), seed)
         done = _draw(model), *trials.run()
-        notes = dict.fromkeys((*trials.limits, *(str(each.message) for each in caught)))
+        limits = trials.limits if done[1].passed else []
+        notes = dict.fromkeys((*limits, *(str(each.message) for each in caught)))
     return Verdict(proposal, tuple(files), done, bool(arms(model)), tuple(notes))
 
 

@@ -5,6 +5,7 @@ Files of other robots are refused, and counted.
 """
 
 import math
+import re
 import site
 import tempfile
 import time
@@ -268,15 +269,18 @@ def rows(cases: list[Case]) -> list[str]:
     tried, lines = [case for case in cases if "trials" in case], _table(_HEAD)
     for case in tried:
         trials: dict[str, Any] = case["trials"]
-        words = [_word(trials.get(each, [False, ""])) for each in _TRIALS]
+        words = [_word(trials[each]) if each in trials else "-" for each in _TRIALS]
         if not case["arms"]:
             words[_TRIALS.index("wave")] = "no arm"
         name = f"`{case['robot']}`" if "/" in case["robot"] else case["robot"]
         limits = "; ".join(case["limits"]).replace("|", "/")
         cells = name, f"{case['mass']:.0f} kg", f"{case['legs']} joints", *words, f"{case['time']:.0f} s", limits
         lines.append(f"| {' | '.join(cells)} |")
-    refused = [f"- `{case['robot']}`: {case['refused']}" for case in cases if "refused" in case]
-    return [*lines, "", f"Refused, {len(refused)} files:", "", *refused] if refused else lines
+    refused: dict[str, list[str]] = {}  # by the reason, whatever the names in it
+    for case in (case for case in cases if "refused" in case):
+        refused.setdefault(re.sub(r"'[^']*'", "...", case["refused"]), []).append(f"`{case['robot']}`")
+    names = [f"- {reason}: {', '.join(names)}" for reason, names in refused.items()]
+    return [*lines, "", "Refused:", "", *names] if names else lines
 
 
 def trial_rows(cases: list[Case]) -> list[str]:

@@ -53,13 +53,14 @@ def test_the_table_has_a_row_a_robot_and_the_refused_files() -> None:
         "time": 21.4,
         "limits": ["walk: fallen"],
     }
-    lines = rows([tried | {"trials": trials}, {"robot": "bolt", "seed": 0, "refused": "no feet"}])
+    refused = [{"robot": name, "seed": 0, "refused": f"no feet: joint '{name}'"} for name in ("bolt", "nut")]
+    lines = rows([tried | {"trials": trials}, *refused])
     cells = [cell.strip() for cell in lines[2].strip("|").split("|")]
     assert cells == [
-        *("`a/b/c.urdf`", "41 kg", "6 joints", "CoM drift 2.0 mm", "no", "no arm", "no", "0.3 m/s from x", "21 s"),
+        *("`a/b/c.urdf`", "41 kg", "6 joints", "CoM drift 2.0 mm", "-", "no arm", "no", "0.3 m/s from x", "21 s"),
         "walk: fallen",
     ]
-    assert lines[-1] == "- `bolt`: no feet"
+    assert lines[-1] == "- no feet: joint ...: `bolt`, `nut`"
 
 
 def test_one_failed_run_of_twenty_five_is_allowed(tmp_path: Path) -> None:
