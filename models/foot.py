@@ -20,7 +20,7 @@ _RANK = 0.01  #: Singular value of a leg's Jacobian, with lengths in legs, below
 class AnkleJoint(NamedTuple):
     """A joint of the ankle."""
 
-    index_v: int  #: Index into v
+    index_v: int  #: Index of the joint, into v for a ``Foot``
     axis: int  #: Of the sole that it turns about, ``LENGTH`` or ``WIDTH``
     positive: bool  #: Whether the sole turns about that axis in the joint's positive sense
 
@@ -54,7 +54,7 @@ class Foot:
 def ankle_joints(columns: Matrix, indices: Sequence[int], heights: Sequence[float], leg: float) -> list[AnkleJoint]:
     """Joints of an ankle among those of a leg.
 
-    ``columns`` are those of the sole's Jacobian in its frame (6, n), ``indices`` into v, ``heights`` of the joints
+    ``columns`` are those of the sole's Jacobian in its frame (6, n), ``indices`` theirs, ``heights`` of the joints
     above the sole [m], ``leg`` that of the hip.
     """
     found = []

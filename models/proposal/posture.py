@@ -19,6 +19,7 @@ import pinocchio as pin
 from scipy.optimize import least_squares
 
 from models.constants import GRAVITY
+from models.foot import WIDTH, ankle_joints
 from models.proposal.config import PostureConfig
 from models.proposal.shapes import Finding, named
 from models.proposal.skeleton import BASE, Legs, Skeleton
@@ -52,7 +53,6 @@ def knee_shares(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: li
 
 Knee = tuple[int, float, float]  #: A joint, its angle with the leg stretched, and its bend from there [rad]
 
-_PITCH = 0.7  #: Share of an axis across the robot from which a joint pitches [-]
 _HABIT = 1e-3  #: Weight of staying at zero against the tasks
 _SMALL = 5e-4  #: A joint that is closer to zero is left out of the posture [rad]
 
@@ -220,9 +220,13 @@ class PostureSolver:
 
     def _middle(self, leg: tuple[int, ...], sole: SoleShape) -> float:
         """Middle of what the ankle can hold of a sole with half the weight, ahead of the ankle [m]."""
-        axes, model = self._skeleton.axes, self._model
-        pitch = next(j for j in reversed(leg) if abs(axes[j][1]) > _PITCH)
-        reach = float(model.effortLimit[model.joints[pitch].idx_v]) / (0.5 * GRAVITY * pin.computeTotalMass(model))
+        skeleton, model, joints = self._skeleton, self._model, list(leg)
+        floor = (skeleton.place(sole.link) * sole.placement).translation[2]
+        heights = skeleton.origins[joints, 2] - floor
+        turns = np.vstack((np.zeros((3, len(leg))), skeleton.axes[joints].T))  # of the sole, in the base at zero
+        ankle = [each for each in ankle_joints(turns, leg, heights.tolist(), float(heights[0])) if each.axis == WIDTH]
+        torques = [float(model.effortLimit[model.joints[each.index_v].idx_v]) for each in ankle]
+        reach = min(torques, default=np.inf) / (0.5 * GRAVITY * pin.computeTotalMass(model))
         return 0.5 * float(max(sole.rectangle[0], -reach) + min(sole.rectangle[1], reach))
 
     def _place_hand(self, arm: tuple[int, ...], side: float) -> None:
