@@ -258,7 +258,8 @@ MJCF file of the installed packages that has two legs to stand on, and the gener
     "robots_trials": """\
 # Long runs
 
-Runs that ended as they should, of those with every seed, written by `poise bench robots --mode trials --plot docs`.
+Runs that ended as they should, of those with every seed, written by `poise bench robots --mode trials --plot docs` with
+`--first-seed` and a `--scenario` for each robot.
 
 """,
 }
