@@ -1,5 +1,6 @@
 """``poise check-robot``: propose a profile for a URDF or MJCF, try it in the closed loop, and report errors."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,9 +20,11 @@ from models.proposal.config import ProposalConfig
 from models.proposal.profile_text import write_proposal
 from models.proposal.propose import Proposal, propose
 from models.robot_model import RobotModel
-from models.types import Mode
+from models.types import CommandReply, Mode
+from planners.gait.scaling import load_gait_config
+from planners.gait.strength import torque_limits
 from planners.motion import MotionPlanner
-from planners.whole_body_ik import chain
+from planners.whole_body_ik import arms
 
 
 @config_dataclass(frozen=True, slots=True, config=STRICT)
@@ -34,6 +37,9 @@ class TrialConfig:
     walk_time: Positive
     stop_time: Positive
     drift_max: Positive
+    push: Positive
+    push_time: Positive
+    push_pause: Positive
     hand_min: Positive
     squat_min: Positive
     stride_min: Positive
@@ -58,12 +64,29 @@ class Trials:
         self._height = float(pin.centerOfMass(model.pin, self._data, model.standing_configuration())[2])
         self._loop: ClosedLoop | None = None
 
+    @property
+    def limits(self) -> list[str]:
+        """What limits the walk of the robot, and to what."""
+        gait = load_gait_config(self._model)
+        velocity, texts = gait.velocity, {"crouch": f"{100.0 * gait.pace.slow.crouch:.1f} cm"}
+        texts |= {name: f"{getattr(velocity, name):.2f} m/s" for name in ("forward", "backward", "lateral")}
+        texts["turn"] = f"{velocity.turn:.2f} rad/s"
+        causes: dict[str, list[str]] = {}
+        for name, cause in torque_limits(self._model, gait).items():
+            causes.setdefault(cause, []).append(f"{name} {texts[name]}")
+        return [f"the walk is limited by {cause}: {', '.join(limited)}" for cause, limited in causes.items()]
+
     def run(self) -> list[Trial]:
-        """Stand, squat, wave with an arm, walk; stops when the robot cannot stand."""
+        """Stand, squat, wave with an arm, walk, take pushes; stops when the robot cannot stand."""
         trials = [self._try("stand", self._stand)]
         if trials[0].passed:
-            arms = [self._try("wave", self._wave)] if has_arm(self._model) else []
-            trials += [self._try("squat", self._squat), *arms, self._try("walk", self._walk)]
+            wave = [self._try("wave", self._wave)] if arms(self._model) else []
+            trials += [
+                self._try("squat", self._squat),
+                *wave,
+                self._try("walk", self._walk),
+                self._try("push", self._push),
+            ]
         return trials
 
     def _try(self, name: str, trial: Callable[[ClosedLoop], tuple[bool, str]]) -> Trial:
@@ -89,35 +112,37 @@ class Trials:
 
     def _squat(self, loop: ClosedLoop) -> tuple[bool, str]:
         start = float(loop.truth.q[2])
-        self._move(loop, "squat")
+        reduced = self._move(loop, "squat")
         sunk = start - float(loop.log.true_q[:, 2].min())
-        text = f"pelvis sank {100.0 * sunk:.1f} cm, {self._effort(loop)}"
+        text = f"pelvis sank {100.0 * sunk:.1f} cm{reduced}, {self._effort(loop)}"
         return sunk > self._config.squat_min * self._height, text
 
     def _wave(self, loop: ClosedLoop) -> tuple[bool, str]:
-        self._move(loop, "wave")
+        reduced = self._move(loop, "wave")
         hands = [self._model.frame_id(name) for name in ("l_wrist", "r_wrist")]
         heights = []
         for q in loop.log.true_q[::10]:
             pin.framesForwardKinematics(self._model.pin, self._data, q)
             heights.append([float(self._data.oMf[hand].translation[2]) for hand in hands])
         raised = float(np.max(np.array(heights) - heights[0]))
-        text = f"hand rose {100.0 * raised:.0f} cm, {self._effort(loop)}"
+        text = f"hand rose {100.0 * raised:.0f} cm{reduced}, {self._effort(loop)}"
         return raised > self._config.hand_min * self._height, text
 
-    def _move(self, loop: ClosedLoop, name: str) -> None:
-        """Play a motion; ``PoiseError`` with the reason when it does not end with a standing robot."""
-        self._command(loop, name)
+    def _move(self, loop: ClosedLoop, name: str) -> str:
+        """Play a motion; returns how it was reduced. ``PoiseError`` when it does not end with a standing robot."""
+        size = self._command(loop, name).details.get("size", 1.0)
         if not loop.wait_motion():
             raise PoiseError(self._why(loop, "the motion did not end"))
         loop.run(self._config.pause)
         if not self._standing(loop):
             raise PoiseError(self._why(loop, "it did not stand afterwards"))
+        return "" if size == 1.0 else f" at {100.0 * size:.0f} % of the motion's size"
 
     def _walk(self, loop: ClosedLoop) -> tuple[bool, str]:
         start = loop.truth.q[:2].copy()
         self._command(loop, "walk")
-        speed = self._config.walk_speed * loop.gait.config.velocity.forward
+        gait = loop.gait.config
+        speed = min(self._config.walk_speed * gait.pace.forward, gait.velocity.forward)
         loop.set_velocity(speed, 0.0, 0.0)
         loop.run(self._config.walk_time)
         if loop.mode is Mode.WALK:
@@ -130,9 +155,21 @@ class Trials:
         steps = int(np.count_nonzero((swings[1:] >= 0) & (swings[1:] != swings[:-1])))
         return True, f"{way:.2f} m in {steps} steps at {speed:.2f} m/s, {self._effort(loop)}"
 
-    def _command(self, loop: ClosedLoop, text: str) -> None:
+    def _push(self, loop: ClosedLoop) -> tuple[bool, str]:
+        """From behind, from the right, from the front, from the left."""
+        size, duration = self._config.push, self._config.push_time
+        for angle in np.radians((0.0, 90.0, 180.0, 270.0)).tolist():
+            force = self._model.mass * size / duration
+            loop.apply_push((force * np.cos(angle), force * np.sin(angle), 0.0), duration)
+            loop.run(self._config.push_pause)
+            if not self._standing(loop):
+                return False, self._why(loop, f"it does not stand {self._config.push_pause:g} s later")
+        return True, f"{size:g} m/s from four sides, {self._effort(loop)}"
+
+    def _command(self, loop: ClosedLoop, text: str) -> CommandReply:
         if not (reply := loop.command(text)).accepted:
             raise PoiseError(reply.reason)
+        return reply
 
     def _standing(self, loop: ClosedLoop) -> bool:
         return loop.mode is Mode.STAND and not loop.fallen
@@ -165,18 +202,18 @@ _LISTED = 4  #: Names that a cell of the table lists
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result for a robot: proposal, files written (the profile first), and trials."""
+    """Result for a robot: proposal, files written (the profile first), trials, and limits that they met."""
 
     proposal: Proposal
     files: tuple[Path, ...]
     trials: tuple[Trial, ...]
+    armed: bool = True  # a joint moves a hand against the torso
+    notes: tuple[str, ...] = ()
 
     @property
     def needed(self) -> tuple[str, ...]:
         """Required trials; a robot without arms need not wave."""
-        frames = self.proposal.profile.frames
-        arms = {frames["l_wrist"].link, frames["r_wrist"].link} - {frames["torso"].link}
-        return NEEDED if arms else NEEDED[:1]
+        return NEEDED if self.armed else NEEDED[:1]
 
     @property
     def passed(self) -> bool:
@@ -191,13 +228,17 @@ def check_robot(
     """Propose a profile for a URDF or MJCF, write it to ``out``, over a file only with ``overwrite``, and try it."""
     if out.exists() and not overwrite:
         raise ConfigError(f"{out}: exists already: give another name with --out, or --overwrite")
-    proposal, files = _propose(urdf, out, packages)
-    model = RobotModel.load(files[0])
-    trials = [_draw(model), *Trials(model, default_config(TrialConfig, "bridge", "check_robot"), seed).run()]
-    return Verdict(proposal, tuple(files), tuple(trials))
+    with warnings.catch_warnings(record=True, action="always") as caught:  # of shapes that are left out
+        proposal, files = propose_profile(urdf, out, packages)
+        model = RobotModel.load(files[0])
+        trials = Trials(model, default_config(TrialConfig, "bridge", "check_robot"), seed)
+        done = _draw(model), *trials.run()
+        limits = trials.limits if done[1].passed else []
+        notes = dict.fromkeys((*limits, *(str(each.message) for each in caught)))
+    return Verdict(proposal, tuple(files), done, bool(arms(model)), tuple(notes))
 
 
-def _propose(urdf: Path, out: Path, packages: Sequence[Path]) -> tuple[Proposal, list[Path]]:
+def propose_profile(urdf: Path, out: Path, packages: Sequence[Path]) -> tuple[Proposal, list[Path]]:
     """Propose with the place of the hands from which the motions can be planned largest; the first one of equals."""
     config = default_config(ProposalConfig, "models", "proposal")
     found: list[tuple[float, Proposal]] = []
@@ -206,15 +247,10 @@ def _propose(urdf: Path, out: Path, packages: Sequence[Path]) -> tuple[Proposal,
         proposal = propose(urdf, packages, one_hand)
         model = RobotModel.load(write_proposal(proposal, out)[0])
         found.append((_size(model), proposal))
-        if found[-1][0] == 1.0 or not has_arm(model):
+        if found[-1][0] == 1.0 or not arms(model):
             break
     proposal = max(found, key=lambda each: each[0])[1]
     return proposal, write_proposal(proposal, out)
-
-
-def has_arm(model: RobotModel) -> bool:
-    """Whether a joint moves a hand against the torso."""
-    return any(hand - chain(model, "torso") for hand in (chain(model, "l_wrist"), chain(model, "r_wrist")))
 
 
 def _size(model: RobotModel) -> float:
@@ -268,6 +304,8 @@ def report(verdict: Verdict, console: Console) -> None:
         word = "[green]done[/green]" if trial.passed else "[red]failed[/red]"
         trials.add_row(trial.name, word, escape(trial.detail))
     console.print(trials)
+    for note in verdict.notes:
+        console.print(f"- {note}", style="yellow", markup=False)
     done = " and ".join(f"{trial}s" for trial in verdict.needed)
     done = done if verdict.passed else f"does not {' and '.join(verdict.needed)}"
     files = ", ".join(str(file) for file in verdict.files)

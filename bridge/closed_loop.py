@@ -317,7 +317,8 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         if self.mode is not Mode.WALK:
             raise CommandError(f"velocity refused in mode '{self.mode.value}': command 'walk' first")
         self.stack.velocity_input.set_velocity(forward, left, turn)
-        self._note(f"velocity {forward:g} m/s forward, {left:g} m/s left, {turn:g} rad/s")
+        limited = "".join(f"; {text}" for text in self.gait.exceeded((forward, left, turn)).values())
+        self._note(f"velocity {forward:g} m/s forward, {left:g} m/s left, {turn:g} rad/s{limited}")
 
     def look(self, pan: float, tilt: float) -> None:
         """Turn the head to joint angles [rad], clamped to their limits; ``CommandError`` when that is impossible."""

@@ -26,7 +26,8 @@ from models.nodes.qos import LATCHED
 from models.nodes.spin import Stop
 from models.robot_model import RobotModel
 from models.types import Velocity
-from planners.gait.config import VelocityConfig, load_gait_config
+from planners.gait.config import VelocityConfig
+from planners.gait.scaling import load_gait_config
 
 Axis = Literal["forward", "left", "turn"]
 

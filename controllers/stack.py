@@ -39,7 +39,7 @@ from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep
 
 if TYPE_CHECKING:
-    from planners.motion import MotionPlanner
+    from planners.motion import MotionPlanner, SizedMotion
 
 
 T = TypeVar("T")
@@ -397,21 +397,25 @@ class ControlStack:
         velocity, motion = supervisor.take_velocity(), supervisor.take_motion()
         if velocity is not None:
             self.velocity_input.set_velocity(*velocity) if any(velocity) else self.velocity_input.stop()
+            reply = _with_note(reply, ", ".join(self.gait.exceeded(velocity).values()))
         if motion == "stop":
             self.stop_motion()
         elif motion is not None:
             try:
-                self.follow(self._plan(motion))
+                planned = self._plan(motion)
+                self.follow(planned.trajectory)
             except PoiseError as error:
                 return supervisor.motion_refused(str(error))
+            if planned.reduced:
+                reply = replace(_with_note(reply, planned.reduced), details={"size": planned.size})
         return reply
 
-    def _plan(self, motion: str) -> JointTrajectory:
+    def _plan(self, motion: str) -> "SizedMotion":
         if self._motions is None:
             from planners.motion import MotionPlanner  # with placo, whose import takes long
 
             self._motions = MotionPlanner(self.robot)
-        return self._motions.plan(motion, start_q=self.posture[0])
+        return self._motions.plan_sized(motion, start_q=self.posture[0])
 
     def follow(self, trajectory: JointTrajectory, number: int | None = None) -> None:
         """Follow a motion, while walking with arms and head only; refused as by ``BalanceController.follow``."""
@@ -499,6 +503,10 @@ class ControlStack:
     def _record_change(self, word: str, *values: object) -> None:
         if self.log is not None:
             self.log.note_change(word, *values)
+
+
+def _with_note(reply: CommandReply, note: str) -> CommandReply:
+    return replace(reply, reason=f"{reply.reason}; {note}") if note else reply
 
 
 def _built(stage: T | None, name: str) -> T:

@@ -12,7 +12,8 @@ from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, NonNegative, Positive
 from models.constants import GRAVITY
-from models.robot_model import Foot, RobotModel
+from models.foot import Foot
+from models.robot_model import RobotModel
 from models.terrain import FLAT, Box, Ground, Terrain, blocks
 from models.types import Matrix, Vector
 from models.urdf import for_mujoco

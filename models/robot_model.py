@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,55 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.constants import FOOT_NAMES, GRAVITY, JOINTS_Q, JOINTS_V
 from models.errors import ConfigError, JointNameError, RobotModelError, did_you_mean
+from models.foot import Foot, ankle_joints, bearing_area, leg_freedoms
 from models.profile import Frame, Payload, Profile, Sole, joint_key, load_profile
-from models.types import Matrix, Vector
+from models.types import Vector
 from models.urdf import pinocchio_from_urdf, resolve_uri
 
-SOLE_JOINTS = 6  #: Joints of a leg that can hold its sole in every direction
 SOLE_FRAMES = ("l_sole", "r_sole")  #: REP-120 names of the sole frames, in the order of ``FOOT_NAMES``
-
-
-@dataclass(frozen=True, slots=True)
-class Foot:
-    """One foot."""
-
-    name: str  #: 'left' or 'right'
-    link: str  #: Link of the URDF with the sole
-    frame_id: int  #: Pinocchio frame of the sole: origin in the sole plane, x forward, z up
-    rectangle: tuple[float, float, float, float]  #: Contact rectangle x_min, x_max, y_min, y_max in the sole frame [m]
-    friction: float  #: Nominal Coulomb coefficient of sole on floor [-]; a controller applies its margin
-    joint_ids_v: tuple[int, ...]  #: Indices into v of the leg's joints, from hip to foot; no other foot moves with them
-    chain_ids_v: tuple[int, ...]  #: The same of all joints between base and foot
-    #: Part of the rectangle in which the leg can hold the CoP [m], see ``RobotModel.bearing``
-    bearing: tuple[float, float, float, float]
-
-    @property
-    def rolls(self) -> bool:
-        """Whether the leg has too few joints to hold the sole against rolling, as without an ankle roll joint."""
-        return len(self.joint_ids_v) < SOLE_JOINTS
-
-    @property
-    def corners(self) -> Matrix:
-        """Corners of the contact rectangle in the sole frame, counter-clockwise from front left (4, 3) [m]."""
-        return corners_of(self.rectangle)
-
-
-def within(area: Sequence[float], bounds: Sequence[float]) -> tuple[float, float, float, float]:
-    """The part of a rectangle in another; along an axis where they do not meet, that of ``area`` [m]."""
-    x_min, x_max = _within(area[0], area[1], bounds[0], bounds[1])
-    y_min, y_max = _within(area[2], area[3], bounds[2], bounds[3])
-    return x_min, x_max, y_min, y_max
-
-
-def _within(low: float, high: float, least: float, most: float) -> tuple[float, float]:
-    inside = max(low, least), min(high, most)
-    return inside if inside[0] <= inside[1] else (low, high)
-
-
-def corners_of(rectangle: Sequence[float]) -> Matrix:
-    """Corners of x_min, x_max, y_min, y_max [m] in a sole frame, counter-clockwise from front left (4, 3) [m]."""
-    x_min, x_max, y_min, y_max = rectangle
-    return np.array([[x_max, y_max, 0.0], [x_min, y_max, 0.0], [x_min, y_min, 0.0], [x_max, y_min, 0.0]])
 
 
 class RobotModel:
@@ -111,8 +68,8 @@ class RobotModel:
         self._postures["zero"] = _frozen(np.clip(np.zeros(self.nj), self.q_lower, self.q_upper))
         self._add_payload()
         self.mass = float(pin.computeTotalMass(self.pin))  #: Total mass, with the profile's payload [kg]
-        left, right = (replace(foot, bearing=self._bearing(foot)) for foot in self.feet)
-        self.feet = (left, right)
+        self.leg_length = 0.0  #: Height of the first joint of a leg, at the hip, above the soles in 'stand' [m]
+        self._describe_legs()
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> RobotModel:
@@ -193,6 +150,17 @@ class RobotModel:
         q[:JOINTS_Q] = pin.SE3ToXYZQUAT(middle.inverse())
         return q
 
+    def static_torques(self, q: Vector, data: pin.Data) -> Vector:
+        """Joint torques that hold a configuration (nq,) with the least wrenches on both soles (nj,) [N.m]."""
+        gravity = pin.computeGeneralizedGravity(self.pin, data, q)
+        pin.computeJointJacobians(self.pin, data, q)
+        pin.updateFramePlacements(self.pin, data)
+        soles = [pin.getFrameJacobian(self.pin, data, foot.frame_id, pin.LOCAL) for foot in self.feet]
+        contact = np.vstack(soles)  # (12, nv)
+        wrenches = np.linalg.lstsq(contact[:, :JOINTS_V].T, gravity[:JOINTS_V], rcond=None)[0]
+        torques: Vector = (gravity - contact.T @ wrenches)[JOINTS_V:]
+        return torques
+
     def _add_frames(self) -> dict[str, int]:
         feet = self.profile.feet
         soles = {"l_sole": _sole_frame(feet.left), "r_sole": _sole_frame(feet.right)}
@@ -244,32 +212,29 @@ class RobotModel:
         chain_ids = tuple(int(self.pin.joints[j].idx_v) for j in chain)
         ids = tuple(int(self.pin.joints[j].idx_v) for j in chain if j not in shared)
         friction = self.profile.feet.friction
-        return Foot(FOOT_NAMES[index], sole.link, frame_id, sole.rectangle, friction, ids, chain_ids, sole.rectangle)
+        rest = (), (False, False, False), sole.rectangle  # until the posture 'stand' is known
+        return Foot(FOOT_NAMES[index], sole.link, frame_id, sole.rectangle, friction, ids, chain_ids, *rest)
 
-    def _bearing(self, foot: Foot) -> tuple[float, float, float, float]:
-        r"""Part of a sole in which the ankle can hold the CoP with half the weight N, standing.
-
-        .. math:: |g_j - N (J_{z} + y J_{rx} - x J_{ry})| \le \tau_{max}
-
-        for the joints j of the ankle, with the columns of the sole's Jacobian; of a sole that rolls the middle line.
-        """
-        x_min, x_max, y_min, y_max = foot.rectangle
+    def _describe_legs(self) -> None:
+        """Set what the legs can hold in 'stand', where each foot carries half the weight."""
         q, data, force = self.standing_configuration(), self.data(), 0.5 * self.mass * GRAVITY
         gravity = pin.computeGeneralizedGravity(self.pin, data, q)
         pin.computeJointJacobians(self.pin, data, q)
         pin.updateFramePlacements(self.pin, data)
-        jacobian = pin.getFrameJacobian(self.pin, data, foot.frame_id, pin.LOCAL)
-        for v in foot.joint_ids_v[-1 if foot.rolls else -2 :]:
-            rest, (_, _, lift, roll, pitch, _) = float(gravity[v]), jacobian[:, v].tolist()
-            limit, pitches = float(self.tau_max[v - JOINTS_V]), abs(pitch) > abs(roll)
-            lever = force * (pitch if pitches else -roll)
-            low, high = sorted((force * lift - rest + sign * limit) / lever for sign in (-1.0, 1.0))
-            if pitches:
-                x_min, x_max = _within(x_min, x_max, low, high)
-            else:
-                y_min, y_max = _within(y_min, y_max, low, high)
-        middle = 0.5 * (y_min + y_max)
-        return (x_min, x_max, middle, middle) if foot.rolls else (x_min, x_max, y_min, y_max)
+        joints, feet = {int(v): j for j, v in enumerate(self.pin.idx_vs) if j > 1}, []
+        for foot in self.feet:
+            columns = pin.getFrameJacobian(self.pin, data, foot.frame_id, pin.LOCAL)
+            leg, ids = columns[:, foot.joint_ids_v], foot.joint_ids_v
+            heights = [float(data.oMi[joints[v]].translation[2]) for v in ids]
+            self.leg_length = self.leg_length or heights[0]
+            ankle = tuple(ankle_joints(leg, ids, heights, heights[0]))
+            try:
+                free = leg_freedoms(leg, heights[0])
+            except RobotModelError as error:
+                raise RobotModelError(f"{self.profile.source}: feet.{foot.name}: the leg has {error}") from error
+            area = bearing_area(foot.rectangle, ankle, columns, gravity, self.pin.effortLimit, force, rolls=free[0])
+            feet.append(replace(foot, ankle=ankle, free=free, bearing=area))
+        self.feet = (feet[0], feet[1])
 
     def _posture(self, name: str, values: dict[str, float]) -> Vector:
         q = np.array([values.get(joint, 0.0) for joint in self.joint_names])

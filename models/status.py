@@ -50,17 +50,18 @@ class GaitStatus(Status, frozen=True):
 class MotionState(Enum):
     """Stage of a requested motion."""
 
+    REDUCED = "reduced"  # planned, but smaller than requested; it runs next
     RUNNING = "running"
     DONE = "done"
     REFUSED = "refused"
 
 
 class MotionStatus(Status, frozen=True):
-    """Change of a motion, from the motion planner (refusals) and the controller."""
+    """Change of a motion, from the motion planner (refusals and reductions) and the controller."""
 
     state: MotionState
     request: str = ""  # request or trajectory that it belongs to, if given
-    reason: str = ""  # of a refusal
+    reason: str = ""  # of a refusal or reduction
 
     def __str__(self) -> str:
         return ": ".join(part for part in (self.state.value, self.request, self.reason) if part)

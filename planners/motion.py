@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +21,7 @@ from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal, Stance, plant, ro
 from planners.key_pose import KeyPoseSolver
 from planners.library import SIDES, START, FrameTarget, KeyPose, Motion, load_library, mirrored
 from planners.motion_config import MotionConfig
-from planners.whole_body_ik import Bounds, WholeBodyIk, chain
+from planners.whole_body_ik import Bounds, WholeBodyIk, arms, chain
 
 _PEAK_VELOCITY = 1.875  #: Peak of ds/du for s = 10 u^3 - 15 u^4 + 6 u^5
 _PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)  #: Peak of d2s/du2 for the same
@@ -95,6 +96,14 @@ def check_path(
                 f"after {time:.2f} s the CoM would be {margin:.3f} m inside the support polygon, at least "
                 f"{bounds.com_margin:.3f} m"
             )
+        if i % every == 0 or i == len(curve.times) - 1:
+            shares = np.abs(model.static_torques(q, data)) / model.tau_max
+            if shares.max() > config.balance.torque_share:
+                k = int(shares.argmax())
+                raise UnreachableError(
+                    f"after {time:.2f} s joint '{names[k]}' would bear {shares[k] * model.tau_max[k]:.3g} N.m, at most "
+                    f"{config.balance.torque_share * model.tau_max[k]:.3g} of its {model.tau_max[k]:.3g} N.m"
+                )
         if collision.count and (i % every == 0 or i == len(curve.times) - 1):
             distances = collision.distances(q, config.collision.margin)
             allowed = bounds.gaps - config.collision.path_slack
@@ -109,6 +118,22 @@ def check_path(
 #: Digits kept of planned positions [rad]: placo sums its tasks in the order of their addresses in memory, which changes
 #: the last bits of a solution (5e-15 rad measured); rounded, the same request gives the same bits everywhere
 _DECIMALS = 9
+
+
+class SizedMotion(NamedTuple):
+    """A planned motion."""
+
+    trajectory: JointTrajectory
+    size: float  #: Share of the motion's offsets and angles that the robot can play [-]
+
+    @property
+    def reduced(self) -> str:
+        """How the motion is reduced, for people; empty where it is not."""
+        return (
+            ""
+            if self.size == 1.0
+            else f"at {100.0 * self.size:.0f} % of its size, as far as limbs reach and torques go"
+        )
 
 
 class MotionPlanner:
@@ -132,7 +157,7 @@ class MotionPlanner:
     ) -> None:
         self._model = model
         self._config = config or default_config(MotionConfig, "planners", "motion")
-        self._arms = {frame for frame in SIDES if chain(model, frame) - chain(model, "torso")}
+        self._arms = arms(model)
         self._library = {name: self._for_arms(motion) for name, motion in load_library(model, extra).items()}
         self._data = model.data()
         self._collision = SelfCollision(model, self._config.collision)
@@ -168,12 +193,12 @@ class MotionPlanner:
         ``CommandError`` for an unknown motion or frame or a malformed value, ``UnreachableError`` where a key pose or
         the way to it violates a bound, or without an arm that moves; the messages name it.
         """
-        return self.plan_sized(name, start_q, targets=targets)[0]
+        return self.plan_sized(name, start_q, targets=targets).trajectory
 
     def plan_sized(
         self, name: str, start_q: ArrayLike, *, targets: Mapping[str, ArrayLike] | None = None
-    ) -> tuple[JointTrajectory, float]:
-        """As ``plan``; the second result is the share of the motion's offsets and angles that the robot can play."""
+    ) -> SizedMotion:
+        """As ``plan``, with the size of the motion."""
         motion = self._motion(name)
         given = self._settable(motion, targets or {})
         self._refuse_without_arm(motion)
@@ -185,7 +210,7 @@ class MotionPlanner:
                 self._goal(f"{name}, key pose '{pose.name}'", pose, stance, given, size) for pose in motion.key_poses
             ]
             try:
-                return self._trajectory(goals, times, stance, bounds), size
+                return SizedMotion(self._trajectory(goals, times, stance, bounds), size)
             except UnreachableError as error:
                 refusals.append(error)
         raise refusals[0]

@@ -21,7 +21,7 @@ class LimitConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class BalanceConfig:
-    """Statics: where the CoM and the soles may be."""
+    """Statics: where the CoM and the soles may be, and what the joints may bear."""
 
     com_margin: NonNegative  #: CoM to edge of the support polygon [m]
     com_margin_start: NonNegative  #: the same, at which a start is refused [m]
@@ -30,6 +30,7 @@ class BalanceConfig:
     sole_drift: Positive  #: change of the distance between the soles [m]
     sole_turn: Positive  #: change of the angle between the soles [rad]
     base_tilt: Positive  #: of the base [rad]
+    torque_share: Fraction  #: of a joint's torque limit that a posture takes at rest [1]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -54,6 +54,11 @@ def chain(model: RobotModel, frame: str) -> frozenset[int]:
     return frozenset(int(model.pin.joints[j].idx_v) - 6 for j in model.pin.supports[joint] if j > 1)
 
 
+def arms(model: RobotModel) -> frozenset[str]:
+    """The hands that a joint moves against the torso: ``l_wrist``, ``r_wrist``, both or none."""
+    return frozenset(hand for hand in ("l_wrist", "r_wrist") if chain(model, hand) - chain(model, "torso"))
+
+
 class WholeBodyIk:
     """Key poses and the configurations between them.
 
@@ -72,13 +77,14 @@ class WholeBodyIk:
             self._robot.collision_model.addGeometryObject(body)
         solver = self._solver = self._robot.make_solver()
         self._soles = [self._frame_task(name, "hard") for name in SOLE_FRAMES]
-        self._rolls: dict[int, placo.OrientationTask] = {}
+        self._turns: dict[int, placo.OrientationTask] = {}
         for i, (foot, sole) in enumerate(zip(model.feet, self._soles, strict=True)):
-            if foot.rolls:  # its roll follows from the rest: a hard row more would contradict the others
-                sole.orientation().mask.set_axises("yz", "local")
-                self._rolls[i] = task = solver.add_orientation_task(PREFIX + SOLE_FRAMES[i], np.eye(3))
-                task.mask.set_axises("x", "local")
-                task.configure(f"roll of {foot.name} sole", "soft", config.weights.target_orientation)
+            if any(foot.free):  # these turns follow from the rest: hard rows more would contradict the others
+                axes = dict(zip("xyz", foot.free, strict=True))
+                sole.orientation().mask.set_axises("".join(axis for axis in axes if not axes[axis]), "local")
+                self._turns[i] = task = solver.add_orientation_task(PREFIX + SOLE_FRAMES[i], np.eye(3))
+                task.mask.set_axises("".join(axis for axis in axes if axes[axis]), "local")
+                task.configure(f"turn of {foot.name} sole", "soft", config.weights.target_orientation)
         self._frames = {name: self._frame_task(name, "soft") for name in TARGET_FRAMES}
         self._com = solver.add_com_task(self._robot.com_world())
         self._com.mask.set_axises("xy", "task")
@@ -104,8 +110,8 @@ class WholeBodyIk:
         """Plant the soles and set the bounds of every problem to come."""
         for task, sole in zip(self._soles, stance.soles, strict=True):
             task.T_world_frame = sole.homogeneous
-        for i, roll in self._rolls.items():
-            roll.R_world_frame = stance.soles[i].rotation
+        for i, turn in self._turns.items():
+            turn.R_world_frame = stance.soles[i].rotation
         self._polygon.polygon = list(stance.polygon[::-1].copy())  # clockwise in placo
         self._polygon.margin = bounds.com_margin
         for i, name in enumerate(self._model.joint_names):

@@ -5,11 +5,12 @@ from msgspec import structs
 
 from models.robot_model import RobotModel
 from planners.gait.adjustment import StepPlanner
-from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.config import GaitConfig
 from planners.gait.contact import Soles
 from planners.gait.measurement import GaitMeasurement, Measurement
 from planners.gait.planner import GaitPlanner
 from planners.gait.reaction import SwingLeg, leg_lever
+from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitPhase
 from planners.gait.swing import SwingFoot
 from tests.support import standing

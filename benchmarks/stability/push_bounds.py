@@ -115,14 +115,6 @@ def static_force(model: RobotModel, q: Vector, direction: Vector, tau_max: Vecto
     return float(answer.x[12])
 
 
-def static_torques(model: RobotModel, q: Vector) -> Vector:
-    """Joint torques that keep a robot standing still with the least wrenches on its soles (nj,) [N.m]."""
-    gravity, contact, _ = _terms(model, q)
-    wrenches = np.linalg.lstsq(contact[:, :6].T, gravity[:6], rcond=None)[0]
-    torques: Vector = gravity[6:] - contact[:, 6:].T @ wrenches
-    return torques
-
-
 def _terms(model: RobotModel, q: Vector) -> tuple[Vector, Matrix, Matrix]:
     """Gravity (nv,), Jacobians of both soles in their frames (12, nv), Jacobian of the CoM in the world (3, nv)."""
     data = model.data()

@@ -31,7 +31,7 @@ from models.errors import PoiseError
 from models.heading import heading
 from models.robot_model import RobotModel
 from models.types import Matrix
-from planners.gait.config import load_gait_config
+from planners.gait.scaling import load_gait_config
 
 
 @schema(frozen=True, slots=True, config=STRICT)

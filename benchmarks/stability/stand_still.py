@@ -10,7 +10,6 @@ the stiffness of its ankles, and it does not walk. It is there as the pattern fo
 import numpy as np
 import pinocchio as pin
 
-from benchmarks.stability.push_bounds import static_torques
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
@@ -30,7 +29,7 @@ class StandStill:
         q = model.standing_configuration()
         height = float(pin.centerOfMass(model.pin, model.data(), q)[2])
         self._posture = q[7:].copy()
-        self._torque = static_torques(model, q)
+        self._torque = model.static_torques(q, model.data())
         self._stiffness = STIFFNESS_PER_WEIGHT * model.mass * GRAVITY * height / 2.0
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:

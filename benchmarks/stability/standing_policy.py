@@ -23,7 +23,6 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from benchmarks.stability.push_bounds import static_torques
 from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.robot_model import RobotModel
@@ -54,7 +53,7 @@ class StandingLaw:
             self.kd[leg] = DAMPING_TIME * self.kp[leg]
             jacobian = pin.getFrameJacobian(model.pin, data, foot.frame_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
             ankles[:, leg[-2:]] = jacobian[3:5, 6 + leg[-2:]]
-        self._torques = static_torques(model, q)
+        self._torques = model.static_torques(q, model.data())
         self._gain = 0.5 * weight * height * (DCM_GAIN - STIFFNESS) * ankles  # (2, nj)
         self._omega = math.sqrt(GRAVITY / height)
 

@@ -21,7 +21,8 @@ from models.errors import ConfigError
 from models.heading import heading, turned
 from models.robot_model import RobotModel
 from models.types import Matrix, Mode, Vector, Velocity
-from planners.gait.config import VelocityConfig, load_gait_config
+from planners.gait.config import VelocityConfig
+from planners.gait.scaling import load_gait_config
 
 
 @dataclass(frozen=True, slots=True)

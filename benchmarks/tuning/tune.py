@@ -41,7 +41,7 @@ from models.errors import ConfigError, PoiseError
 from models.profile import load_profile, robot_names
 from models.robot_model import RobotModel
 from models.types import Vector
-from planners.gait.config import load_gait_config
+from planners.gait.scaling import load_gait_config
 
 Parameters = dict[str, float]  #: Values by name, such as ``gait.swing.freeze``
 Range = tuple[float, float]

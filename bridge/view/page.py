@@ -21,7 +21,7 @@ from controllers.safety.health import SupervisorConfig
 from models.config import default_config
 from models.nodes.spin import Stop
 from models.robot_model import RobotModel
-from planners.gait.config import load_gait_config
+from planners.gait.scaling import load_gait_config
 
 STEPS = 200  #: Positions of a slider [-]
 REACH = 4.0  #: Upper end of a slider as a multiple of its first value, within the parameter's range [-]

@@ -26,8 +26,9 @@ from controllers.whole_body.limits import RowLimit
 from controllers.whole_body.tasks import Task
 from models.constants import GRAVITY
 from models.errors import TrajectoryError
+from models.foot import corners_of
 from models.numerics.unboxed import Unboxed, unbox
-from models.robot_model import RobotModel, corners_of
+from models.robot_model import RobotModel
 from models.spline import min_jerk
 from models.types import (
     ContactState,
@@ -40,7 +41,6 @@ from models.types import (
     SolveStatus,
     Vector,
 )
-from planners.gait.config import leg_length
 from planners.gait.measurement import BodyMotion
 from planners.gait.state import GaitPhase, Rest
 
@@ -146,7 +146,7 @@ class BalanceController:
         self._load_min = config.foothold_load * model.mass * GRAVITY
         self._zero_acceleration, self._zero_xy = np.zeros(3), np.zeros(2)
         self._zero_twists = np.zeros((2, 6))
-        self._data, self._leg = model.data(), leg_length(model)
+        self._data, self._leg = model.data(), model.leg_length
         self._first_tick, self._moved, self._share = True, False, 0.0
         self.reference: Reference
         self.capture_margin = 0.0

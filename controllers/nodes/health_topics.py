@@ -228,7 +228,7 @@ class HealthTopics:
         self._command_stamp = stamp_of(data)
 
     def _on_motion(self, status: MotionStatus) -> None:
-        if status.state is not MotionState.REFUSED:
+        if status.state in (MotionState.RUNNING, MotionState.DONE):
             self._motion_active = status.state is MotionState.RUNNING
 
     def _on_gait(self, status: GaitStatus) -> None:

@@ -14,6 +14,9 @@ foot-to-base adjoint ``X_i`` (6, 6), the base block of ``J_i``, is invertible, s
                wrenches share the base wrench ``b`` up to k - 1 free internal wrenches ``phi``:
                ``w_i = X_i^-T (b/k + phi_i)`` with ``phi_k = -(phi_1 + ... + phi_k-1)``.
 
+Legs that cannot turn their soles about the vertical keep the heading of the base above each planted sole by themselves:
+the last row of the closures depends on the others there, and is left out.
+
 A sole on its edge turns freely about it: ``J_i a + drift_i = a_i* + e_i s_i`` with the twist ``e_i`` of that rotation
 and one more unknown ``s_i``, which takes part like a joint between the ground and the sole. That there is no moment
 about the edge is a row of the wrench cone.
@@ -42,6 +45,7 @@ class Reduction(NamedTuple):
     active: Index  #: Indices of the active contacts (k,)
     core: Index  #: Velocity indices of the base, then of the joints between base and active contacts (n,)
     upper: Index  #: The other velocity indices (nv - n,)
+    closing: Index  #: Rows of each loop closure, directions of the base twist (r,)
     basis: Array  #: N (nv, na)
     start: Array  #: a0 (nv,)
     maps: Array  #: P of all contacts, zero where inactive (contacts, 6, nz)
@@ -55,21 +59,28 @@ class Edges(NamedTuple):
     pivots: Array  #: Point of each contact that is held, in its frame; zero where the contact is flat (contacts, 2) [m]
 
 
-def make_reduction(contacts: Sequence[bool], chains: Sequence[Sequence[int]], nv: int, turns: int = 0) -> Reduction:
+def make_reduction(
+    contacts: Sequence[bool],
+    chains: Sequence[Sequence[int]],
+    nv: int,
+    turns: int = 0,
+    closing: Sequence[int] = range(6),
+) -> Reduction:
     """Memory for some active contacts, which turn freely about ``turns`` axes altogether.
 
-    ``chains`` are velocity indices of the joints from base to contact.
+    ``chains`` are velocity indices of the joints from base to contact, ``closing`` the independent rows of a closure.
     """
     active = np.flatnonzero(contacts)
     joints = sorted({joint for contact in active for joint in chains[contact]})
     core = np.array([*range(6), *joints], dtype=np.int64)
-    free = 6 * max(len(active) - 1, 0)
-    na, count = nv - 6 - free + turns, len(chains)
-    nz = na + free
+    others = max(len(active) - 1, 0)
+    na, count = nv - 6 - len(closing) * others + turns, len(chains)
+    nz = na + 6 * others
     return Reduction(
         active.astype(np.int64),
         core,
         np.setdiff1d(np.arange(nv), core).astype(np.int64),
+        np.array(closing, dtype=np.int64),
         np.zeros((nv, na)),
         np.zeros(nv),
         np.zeros((count, 6, nz)),
@@ -160,7 +171,9 @@ def _reduce_accelerations(terms: Dynamics, desired: Array, edges: Edges, inverse
             for c in range(nu):
                 basis[i, c] = right[i, c]
         return
-    rows = 6 * (count - 1)
+    closing = reduction.closing
+    size = closing.shape[0]
+    rows = size * (count - 1)
     n = basis.shape[1] - nu + rows  # joints, then free rotations
     reach = np.zeros((count, 6, n))  # X^-1 J, columns of the joints; then -X^-1 e
     target = np.zeros((count, 6))  # X^-1 (a* - drift)
@@ -186,10 +199,11 @@ def _reduce_accelerations(terms: Dynamics, desired: Array, edges: Edges, inverse
     if count > 1:
         closure, right_side = np.empty((rows, n)), np.empty(rows)
         for k in range(1, count):
-            for i in range(6):
-                right_side[6 * (k - 1) + i] = target[0, i] - target[k, i]
+            for r in range(size):
+                i, row = closing[r], size * (k - 1) + r
+                right_side[row] = target[0, i] - target[k, i]
                 for j in range(n):
-                    closure[6 * (k - 1) + i, j] = reach[0, i, j] - reach[k, i, j]
+                    closure[row, j] = reach[0, i, j] - reach[k, i, j]
         _null_space(closure, right_side, free, offset, PIVOT_FLOOR)
     for j in range(joints.shape[0]):
         start[joints[j]] = offset[j]

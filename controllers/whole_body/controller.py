@@ -33,7 +33,8 @@ from controllers.whole_body.tasks import (
     Task,
 )
 from models.constants import GRAVITY
-from models.robot_model import RobotModel, within
+from models.foot import within
+from models.robot_model import RobotModel
 from models.types import JointCommand, Matrix, Reference, RobotState, SolveStatus, Vector
 
 
@@ -206,9 +207,6 @@ class WholeBodyController:
         return JointCommand(self._joints.copy(), zero, zero), SolveStatus.DAMPED
 
 
-_ROLL = np.eye(6)[3]  #: Row of a foot's task that turns it about its x axis
-
-
 def _uniform_gains(gains: Gains, rows: int) -> tuple[Vector, Vector, Vector]:
     """kp, kd and weight of a task, the same on all of its rows."""
     return np.full(rows, gains.kp), np.full(rows, gains.kd), np.full(rows, gains.weight)
@@ -230,7 +228,7 @@ def _make_tasks(model: RobotModel, config: WholeBodyConfig) -> tuple[BodyTasks, 
         FrameOrientationTask("base_orientation", "base_link", *base, nv, lambda reference: reference.base_orientation),
         FrameOrientationTask("torso_orientation", "torso", *torso, nv, lambda reference: reference.torso_orientation),
         [
-            FootTask(i, foot[0].copy(), foot[1].copy(), foot[2] * (1.0 - side.rolls * _ROLL), nv)
+            FootTask(i, foot[0].copy(), foot[1].copy(), foot[2] * np.append(np.ones(3), np.logical_not(side.free)), nv)
             for i, side in enumerate(model.feet)
         ],
         PostureTask(*posture),

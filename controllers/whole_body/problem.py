@@ -13,9 +13,10 @@ from controllers.qp.terms import ModelTerms, Terms
 from controllers.whole_body.limits import BodyLimits, LimitArrays, LimitRows, RowLimit, Rows, limit_rows
 from controllers.whole_body.tasks import BodyArrays, BodyTasks, Desired, Task, body_rows
 from models.errors import ConfigError
+from models.foot import NORMAL
 from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed, unbox
-from models.robot_model import SOLE_JOINTS, RobotModel
+from models.robot_model import RobotModel
 from models.types import Matrix, Reference, Vector
 
 Array = NDArray[np.float64]
@@ -84,7 +85,7 @@ class QPBuilder:
     ``regularisation`` is added to the Hessian's diagonal, ``lookahead`` is the time over which accelerations are
     integrated to the setpoint (1,) [s], settable. ``contact_acceleration`` is the desired one of each contact in its
     frame (contacts, 6); ``stack.wrench_target`` and ``edges``, by ``set_edges``, are set from outside. Raises
-    ``ConfigError`` when two tasks or limits share a name, or a leg has fewer than five joints.
+    ``ConfigError`` when two tasks or limits share a name.
     """
 
     def __init__(
@@ -102,9 +103,6 @@ class QPBuilder:
     ) -> None:
         _refuse_duplicates("task", (task.name for task in (*tasks, *extra_tasks)))
         _refuse_duplicates("limit", (limit.name for limit in (*limits, *extra_limits)))
-        for foot in model.feet:
-            if len(foot.joint_ids_v) < SOLE_JOINTS - 1:  # one freedom may be missing, that of the roll
-                raise ConfigError(f"{model.name}: fewer than five joints between the hip and the {foot.name} sole")
         self._tasks, self._extra_tasks, self.contacts = tasks, extra_tasks, contacts
         count, nv, nj = len(model.feet), model.nv, model.nj
         stacked = [task for task in (*tasks, *extra_tasks) if task is not tasks.posture]
@@ -132,11 +130,12 @@ class QPBuilder:
         shared = stack, contacts, self.edges, self.contact_acceleration, regularisation, setpoint
         self._setup = unbox(_Setup(tasks.arrays, limits.arrays, *shared))
         chains = [foot.chain_ids_v for foot in model.feet]
+        closing = range(5 if all(foot.free[NORMAL] for foot in model.feet) else 6)
         self._modes: dict[tuple[tuple[bool, ...], tuple[int, ...]], _Mode] = {}
         for active, turns in product(product((False, True), repeat=count), product(range(3), repeat=count)):
             used = tuple(turn if bears else 0 for turn, bears in zip(turns, active, strict=True))
             if (active, used) not in self._modes:
-                reduction = make_reduction(active, chains, nv, sum(used))
+                reduction = make_reduction(active, chains, nv, sum(used), closing)
                 self._modes[active, used] = _make_mode(reduction, limits, extra_limits)
             self._modes[active, turns] = self._modes[active, used]
         self._active: _Mode

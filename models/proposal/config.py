@@ -55,6 +55,8 @@ class PostureConfig:
     """The standing posture."""
 
     knee: Positive  # bend of the knees from the stretched leg [rad]
+    knee_least: Positive  # the same of knees with little torque [rad]
+    torque_share: Fraction  # of a knee's torque limit that standing on one leg may take [-]
     gap: Positive  # least distance between the inner edges of the soles [m]
     margin: Fraction  # distance of every joint from its limits, over its range [-]
     level: Positive  # largest tilt of a sole that counts as flat [rad]

@@ -8,7 +8,8 @@ for both soles i: rotation R_i, position (x_i, y_i, z_i), middle m of the rectan
 x_c of the CoM, knee angle k_i, its value k_0 with the leg stretched, and the bend b. The arms solve for the place of
 the wrist below and ahead of the shoulder and are drawn to their zero otherwise.
 
-Whether each leg could carry the robot alone is checked for this posture.
+A leg carries the robot alone with ``torque_share`` of its knee's torque; where the knee has less, the bend b is
+smaller, down to ``knee_least``.
 """
 
 from dataclasses import dataclass
@@ -18,18 +19,18 @@ import pinocchio as pin
 from scipy.optimize import least_squares
 
 from models.constants import GRAVITY
+from models.foot import WIDTH, ankle_joints
 from models.proposal.config import PostureConfig
-from models.proposal.shapes import Finding, found, named
+from models.proposal.shapes import Finding, named
 from models.proposal.skeleton import BASE, Legs, Skeleton
 from models.proposal.soles import SoleShape
 from models.types import Vector
 
-#: Share of a knee's torque limit that standing on one leg may take; a walk bends it further and accelerates
-_RESERVE = 0.5
+_BISECTIONS = 5  #: Of the bend of weak knees
 
 
-def weak_knees(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: list[int], q: Vector) -> list[Finding]:
-    """Knees that use more than half of their torque limit for one-legged standing in the configuration q (nq,).
+def knee_shares(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: list[int], q: Vector) -> list[float]:
+    """Share of each knee's torque limit that standing on its leg alone takes, in the configuration q (nq,) [-].
 
     tau = g(q) - J^T f with the weight f = m g on a point of the foot that is below the CoM in the sagittal plane; the
     sideways position has no effect on the knee.
@@ -40,20 +41,18 @@ def weak_knees(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: lis
     pin.computeJointJacobians(model, data, q)
     com = pin.centerOfMass(model, data, q)
     weight = GRAVITY * float(pin.computeTotalMass(model))
-    weak = {}
+    shares = []
     for leg, knee in zip(legs, knees, strict=True):
         jacobian = pin.getJointJacobian(model, data, leg[-1], pin.LOCAL_WORLD_ALIGNED)
         arm = np.array([com[0] - data.oMi[leg[-1]].translation[0], 0.0, 0.0])
         wrench = np.concatenate([[0.0, 0.0, weight], np.cross(arm, [0.0, 0.0, weight])])
         v = int(model.joints[knee].idx_v)
-        torque = abs(float(gravity[v] - jacobian[:, v] @ wrench))
-        if torque > _RESERVE * model.effortLimit[v]:
-            weak[skeleton.name(knee)] = f"{torque:.0f} of {model.effortLimit[v]:g} N.m"
-    text = f"little torque to walk: standing on one leg takes {', '.join(weak.values())}"
-    return found("note", "joint", weak, text, "kept: it may stand and not walk")
+        shares.append(abs(float(gravity[v] - jacobian[:, v] @ wrench)) / float(model.effortLimit[v]))
+    return shares
 
 
-_PITCH = 0.7  #: Share of an axis across the robot from which a joint pitches [-]
+Knee = tuple[int, float, float]  #: A joint, its angle with the leg stretched, and its bend from there [rad]
+
 _HABIT = 1e-3  #: Weight of staying at zero against the tasks
 _SMALL = 5e-4  #: A joint that is closer to zero is left out of the posture [rad]
 
@@ -90,20 +89,27 @@ class PostureSolver:
             if arm:
                 self._place_hand(arm, side)
         knees = [self._knee(leg) for leg in self._legs.both]
-        for (knee, stretched, bend), leg in zip(knees, self._legs.both, strict=True):
+        for knee, stretched, bend in knees:
             if abs(bend) < 0.5 * self._config.knee:
                 text = f"the knee bends by {abs(bend):.2f} rad only from the stretched leg ({stretched:.2f} rad)"
                 findings.append(Finding("wrong", named("joint", [self._skeleton.name(knee)]), text, "bent so far"))
-            self._bend(leg, knee, stretched + bend)
-        targets = [stretched + bend for _, stretched, bend in knees]
-        residuals = self._place_feet([knee for knee, _, _ in knees], targets)
+        residuals = self._place_legs(knees, 1.0)
+        if (taken := self._taken(knees)) > self._config.torque_share:
+            residuals = self._straighten(knees)
+            names = [self._skeleton.name(knee) for knee, _, _ in knees]
+            limit = float(self._model.effortLimit[self._model.joints[knees[0][0]].idx_v])
+            left, share = self._taken(knees), abs(self._q[self._index((knees[0][0],))[0]] - knees[0][1])
+            text = (
+                f"little torque: bent by {self._config.knee:g} rad, one leg takes {taken * limit:.0f} of {limit:g} N.m"
+            )
+            remedy = f"bent by {share:.2f} rad only, where it takes {left * limit:.0f} N.m"
+            findings.append(Finding("note", named("joint", names), text, remedy))
         if np.abs(residuals[:6]).max() > self._config.level:
             text = f"the soles cannot be level: {np.abs(residuals[:6]).max():.3f} rad off"
             findings.append(Finding("wrong", self._stuck(), text, "the nearest posture is proposed"))
         elif np.abs(residuals[6:11]).max() > self._config.residual:
             text = f"the soles cannot be below the CoM: {1e3 * np.abs(residuals[6:11]).max():.0f} mm off"
             findings.append(Finding("wrong", self._stuck(), text, "the nearest posture is proposed"))
-        findings += weak_knees(self._skeleton, self._legs.both, [knee for knee, _, _ in knees], self._q)
         self._forward()
         com = pin.centerOfMass(self._model, self._data, self._q)
         height = float(com[2] - np.mean([place.translation[2] for place in self._sole_places()]))
@@ -113,6 +119,26 @@ class PostureSolver:
             if abs(value) > _SMALL:
                 joints[self._skeleton.name(j)] = round(value, 4)
         return Standing(joints, height, tuple(findings))
+
+    def _taken(self, knees: list[Knee]) -> float:
+        """Largest share of a knee's torque limit that standing on one leg takes [-]."""
+        return max(knee_shares(self._skeleton, self._legs.both, [knee for knee, _, _ in knees], self._q))
+
+    def _straighten(self, knees: list[Knee]) -> Vector:
+        """Bend the knees as far as their torque allows; returns the residuals."""
+        low, high = self._config.knee_least / self._config.knee, 1.0
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            self._place_legs(knees, middle)
+            low, high = (low, middle) if self._taken(knees) > self._config.torque_share else (middle, high)
+        return self._place_legs(knees, low)
+
+    def _place_legs(self, knees: list[Knee], share: float) -> Vector:
+        """Bend the knees by a share of their bends, soles level below the CoM; returns the residuals."""
+        targets = [stretched + share * bend for _, stretched, bend in knees]
+        for (knee, _, _), leg, target in zip(knees, self._legs.both, targets, strict=True):
+            self._bend(leg, knee, target)
+        return self._place_feet([knee for knee, _, _ in knees], targets)
 
     def _forward(self) -> None:
         pin.forwardKinematics(self._model, self._data, self._q)
@@ -128,7 +154,7 @@ class PostureSolver:
             places.append(self._data.oMi[leg[-1]] * link.placement * sole.placement)
         return places
 
-    def _knee(self, leg: tuple[int, ...]) -> tuple[int, float, float]:
+    def _knee(self, leg: tuple[int, ...]) -> Knee:
         """Knee, the joint that shortens the leg most; its angle with the leg stretched, and its bend [rad]."""
         best = (0.0, leg[0], 0.0, 0.0)
         for joint in leg[1:-1]:
@@ -194,9 +220,13 @@ class PostureSolver:
 
     def _middle(self, leg: tuple[int, ...], sole: SoleShape) -> float:
         """Middle of what the ankle can hold of a sole with half the weight, ahead of the ankle [m]."""
-        axes, model = self._skeleton.axes, self._model
-        pitch = next(j for j in reversed(leg) if abs(axes[j][1]) > _PITCH)
-        reach = float(model.effortLimit[model.joints[pitch].idx_v]) / (0.5 * GRAVITY * pin.computeTotalMass(model))
+        skeleton, model, joints = self._skeleton, self._model, list(leg)
+        floor = (skeleton.place(sole.link) * sole.placement).translation[2]
+        heights = skeleton.origins[joints, 2] - floor
+        turns = np.vstack((np.zeros((3, len(leg))), skeleton.axes[joints].T))  # of the sole, in the base at zero
+        ankle = [each for each in ankle_joints(turns, leg, heights.tolist(), float(heights[0])) if each.axis == WIDTH]
+        torques = [float(model.effortLimit[model.joints[each.index_v].idx_v]) for each in ankle]
+        reach = min(torques, default=np.inf) / (0.5 * GRAVITY * pin.computeTotalMass(model))
         return 0.5 * float(max(sole.rectangle[0], -reach) + min(sole.rectangle[1], reach))
 
     def _place_hand(self, arm: tuple[int, ...], side: float) -> None:

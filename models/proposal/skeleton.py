@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from models.constants import FOOT_NAMES
 from models.errors import RobotModelError
+from models.foot import leg_freedoms
 from models.profile import Frame
 from models.proposal.shapes import Finding, found, link_points, links_by_name, named
 from models.types import Matrix, Vector
@@ -98,8 +99,7 @@ class Skeleton:
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-#: Joints that a leg needs: with six its sole stays flat wherever the base goes, with five it rolls with the leg
-LEG_JOINTS = 5
+_BEND = 0.25  #: Of the pitch joints of a leg, to where each goes farther, in which its freedoms are counted [rad]
 _LEFT = re.compile(r"(?:^|[_\-.])l(?:eft)?(?:[_\-.]|$)|^L(?=[A-Z])|^LLEG|(?i:left)")
 _RIGHT = re.compile(r"(?:^|[_\-.])r(?:ight)?(?:[_\-.]|$)|^R(?=[A-Z])|^RLEG|(?i:right)")
 
@@ -137,12 +137,27 @@ def find_legs(skeleton: Skeleton, urdf: Path) -> Legs:
     foot = min(hanging, key=lambda j: (round(float(skeleton.origins[j][2]), 3), -len(hanging[j])))
     left = hanging[foot]
     right = tuple(skeleton.partners[j] for j in left)
-    if len(left) < LEG_JOINTS:
+    try:
+        freedoms(skeleton, left)
+    except RobotModelError as error:
         raise RobotModelError(
-            f"{urdf}: no feet: the leg that ends at joint '{skeleton.name(foot)}' has {len(left)} joints, and a leg "
-            f"that a robot can stand on has at least {LEG_JOINTS}"
-        )
+            f"{urdf}: no feet: the leg that ends at joint '{skeleton.name(foot)}' has {error}"
+        ) from error
     return Legs(left, right)
+
+
+def freedoms(skeleton: Skeleton, leg: tuple[int, ...]) -> tuple[bool, bool, bool]:
+    """Axes of a sole, in those of the base at zero, about which it turns with the bent leg: see ``leg_freedoms``."""
+    model, data = skeleton.model, skeleton.model.createData()
+    q: Vector = pin.neutral(model)
+    for j in leg:
+        if abs(float(skeleton.axes[j][1])) > _PARALLEL:
+            low, high = _range(skeleton, j)
+            q[int(model.joints[j].idx_q)] = min(_BEND, high) if high > -low else max(-_BEND, low)
+    pin.computeJointJacobians(model, data, q)
+    columns = pin.getJointJacobian(model, data, leg[-1], pin.LOCAL)[:, [int(model.joints[j].idx_v) for j in leg]]
+    turn = skeleton.data.oMi[leg[-1]].rotation
+    return leg_freedoms(np.vstack((turn @ columns[:3], turn @ columns[3:])), skeleton.reach(list(leg)))
 
 
 def _hanging(skeleton: Skeleton, joint: int) -> tuple[int, ...]:

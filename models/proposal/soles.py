@@ -9,11 +9,11 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from models.errors import RobotModelError
+from models.foot import LENGTH, NORMAL
 from models.profile import Hull
 from models.proposal.config import SoleConfig
 from models.proposal.shapes import Finding, link_points, links_by_name
-from models.proposal.skeleton import BASE, Legs, Limbs, Skeleton
-from models.robot_model import SOLE_JOINTS
+from models.proposal.skeleton import BASE, Legs, Limbs, Skeleton, freedoms
 from models.types import Matrix, Vector
 
 _WIDER = (1.0, 2.5, 5.0)  #: Factors on the band of points that belong to a sole, tried until they span an area
@@ -47,7 +47,7 @@ def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], confi
     points at most ``band`` above its lowest one. ``leg`` are the joints from base to foot.
     """
     ankle = leg[-1]
-    link = skeleton.links(ankle)[0]
+    link, free = skeleton.links(ankle)[0], freedoms(skeleton, leg)
     length = skeleton.reach(list(leg))
     points = foot_points(robot, skeleton, ankle)
     findings: list[Finding] = []
@@ -73,14 +73,17 @@ def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], confi
         rotation = np.column_stack([forward, np.cross(-normal, forward), -normal])
         local = points @ rotation  # in the axes of the sole
         depth = -float(local[:, 2].min())
-        least = length * config.length_min, length * config.width_min if len(leg) >= SOLE_JOINTS else 0.0
+        least = length * config.length_min, 0.0 if free[LENGTH] else length * config.width_min
         rectangle = _outline(local, config, least, f"{urdf}: no feet: link '{link}'", findings, link)
-    if len(leg) < SOLE_JOINTS:
+    if free[LENGTH]:
         width = 1e3 * (rectangle[3] - rectangle[2])
         text = f"{len(leg)} joints do not hold the sole against rolling: it bears on a line, and steps balance sideways"
         findings.append(
             Finding("note", f"link '{link}'", text, f"{width:.0f} mm wide; the wider, the more a walk drifts")
         )
+    if free[NORMAL]:
+        text = f"{len(leg)} joints do not turn the sole about the vertical: the robot faces where its feet point"
+        findings.append(Finding("note", f"link '{link}'", text, "it walks, and does not turn"))
     in_base = pin.SE3(rotation, skeleton.origins[ankle] - depth * rotation[:, 2])
     return SoleShape(link, skeleton.place(link).actInv(in_base), rectangle, tuple(findings))
 

@@ -2,15 +2,11 @@
 
 from typing import NamedTuple
 
-import pinocchio as pin
-
 from models.constants import JOINTS_Q, JOINTS_V
-from models.robot_model import Foot, RobotModel
+from models.foot import LENGTH, WIDTH
+from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
-from planners.gait.config import AnkleConfig, leg_length
-
-_HEIGHT = 0.25  #: Joints lower than this share of the leg above the sole are the ankle's [-]
-_ALIGNED = 0.7  #: Least cosine between the axis of such a joint and that of the sole that it turns about [-]
+from planners.gait.config import AnkleConfig
 
 
 class _AnkleJoint(NamedTuple):
@@ -32,10 +28,12 @@ class AnkleStops:
         self._time, self._rim = config.stop_time, config.rim
         self._rectangles = [foot.rectangle for foot in model.feet]
         self._lower, self._upper = model.q_lower + config.stop_margin, model.q_upper - config.stop_margin
-        data = model.data()
-        pin.computeJointJacobians(model.pin, data, model.standing_configuration())
-        height = _HEIGHT * leg_length(model)
-        self._ankles = [_ankle_joints(model, data, foot, height) for foot in model.feet]
+        # At the upper limit of a positive roll the shank leans to the left of the sole, at that of a pitch to its rear.
+        edges = {(LENGTH, True): (2, 3), (LENGTH, False): (3, 2), (WIDTH, True): (1, 0), (WIDTH, False): (0, 1)}
+        self._ankles = [
+            [_AnkleJoint(each.index_v - JOINTS_V, *edges[each.axis, each.positive]) for each in foot.ankle]
+            for foot in model.feet
+        ]
 
     def on_edge(self, foot: int, state: RobotState, cop: Vector, areas: Matrix) -> Matrix:
         """Areas of the soles (2, 4) [m], without width where an ankle joint of ``foot`` comes to its limit in time.
@@ -52,20 +50,3 @@ class AnkleStops:
                 out = out.copy()
                 out[foot, 2 * (edge // 2) : 2 * (edge // 2) + 2] = rectangle[edge]
         return out
-
-
-def _ankle_joints(model: RobotModel, data: pin.Data, foot: Foot, height: float) -> list[_AnkleJoint]:
-    """The joints of a foot's ankle; ``data`` has the joint Jacobians of the 'stand' posture."""
-    sole, found = pin.updateFramePlacement(model.pin, data, foot.frame_id), []
-    axes = pin.getFrameJacobian(model.pin, data, foot.frame_id, pin.LOCAL)[3:]  # of the joints, in the sole frame
-    for column in foot.joint_ids_v:
-        joint = next(j for j in range(model.pin.njoints) if model.pin.idx_vs[j] == column)
-        if data.oMi[joint].translation[2] - sole.translation[2] > height:
-            continue
-        roll, pitch = axes[0, column], axes[1, column]
-        # At the upper limit of a positive roll the shank leans to the left of the sole, at that of a pitch to its rear.
-        if abs(roll) > _ALIGNED:
-            found.append(_AnkleJoint(column - JOINTS_V, *((2, 3) if roll > 0.0 else (3, 2))))
-        elif abs(pitch) > _ALIGNED:
-            found.append(_AnkleJoint(column - JOINTS_V, *((1, 0) if pitch > 0.0 else (0, 1))))
-    return found

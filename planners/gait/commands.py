@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from msgspec import Struct, structs
 
@@ -166,6 +166,18 @@ def limited(velocity: Velocity, limits: VelocityConfig) -> Velocity:
         min(max(left, -limits.lateral), limits.lateral),
         min(max(turn, -limits.turn), limits.turn),
     )
+
+
+def exceeded(velocity: Velocity, limits: VelocityConfig, causes: Mapping[str, str]) -> dict[str, str]:
+    """How components of a velocity exceed the limits, for people, by their names; ``causes`` are by that of a limit."""
+    kept, found = limited(velocity, limits), {}
+    names = "forward" if velocity[0] >= 0.0 else "backward", "lateral", "turn"
+    parts = zip(("forward", "left", "turn"), ("m/s", "m/s", "rad/s"), names, velocity, kept, strict=True)
+    for name, unit, limit, given, most in parts:
+        if given != most:
+            cause = f" by {causes[limit]}" if limit in causes else ""
+            found[name] = f"{name} {given:.3g} limited to {round(most, 3):.3g} {unit}{cause}"
+    return found
 
 
 def approached(velocity: Velocity, target: Velocity, limits: VelocityConfig, dt: float) -> Velocity:

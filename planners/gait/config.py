@@ -1,20 +1,11 @@
-"""Schema of ``config/gait.yaml``, whose lengths are those of a reference leg, and scaling to the legs of a robot."""
+"""Schema of ``config/gait.yaml``, whose lengths are those of a reference leg; ``scaling.py`` fits it to a robot."""
 
-from dataclasses import replace
-from importlib.resources import files
-from typing import Annotated, TypeVar
+from typing import Annotated
 
-import numpy as np
-import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive, Proportion, Share, default_config, overlaid
-from models.constants import JOINTS_V
-from models.leg_shapes import foot_size
-from models.robot_model import RobotModel
-
-QUINTIC_PEAK = 15.0 / 8.0  #: Peak over mean speed of a quintic from rest to rest [-]
+from models.config import STRICT, Fraction, NonNegative, Positive, Proportion, Share
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -210,9 +201,6 @@ class LiftConfig:
     down_time: Positive  #: With load on both feet, it counts as put down after this time [s]
 
 
-Part = TypeVar("Part", StrideConfig, PaceConfig, TimingConfig, ReachConfig, VelocityConfig, SwingConfig, RouteConfig)
-
-
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GaitConfig:
     """The gait."""
@@ -220,6 +208,8 @@ class GaitConfig:
     leg: Positive  #: Hip height above the sole of the robot that the lengths are written for [m]
     foot: tuple[Positive, Positive]  #: Length and width of the shape of its foot [m]
     zmp: Share  #: ZMP point of single support, from under the ankle (0) to the middle of the sole (1) [-]
+    #: Share of a joint's torque limit that a nominal step may take, by the root of its mean square
+    torque_share: Fraction
     height_rate: Positive  #: Fastest rise of the CoM height reference [m/s]
     height_acceleration: Positive  #: Largest of the CoM height reference: below that of gravity, feet bear load [m/s^2]
     drop_rate: Positive  #: Fastest descent of the CoM height reference [m/s]
@@ -271,71 +261,3 @@ class GaitConfig:
             raise ValueError("the limits of an urgent step may not be narrower than those of other steps")
         if self.astride_max <= self.astride:
             raise ValueError("astride_max, the widest stance to come to rest in, must be greater than astride")
-
-
-def load_gait_config(model: RobotModel) -> GaitConfig:
-    """The gait of a robot: ``gait_<name>.yaml``, or ``gait.yaml`` scaled to its legs, with ``laws`` of its profile."""
-    return overlaid(_packaged(model), model.profile.laws.get("gait", {}), f"{model.profile.source}: laws.gait")
-
-
-def _packaged(model: RobotModel) -> GaitConfig:
-    own = f"gait_{model.name}"
-    if (files("planners") / "config" / f"{own}.yaml").is_file():
-        return default_config(GaitConfig, "planners", own)
-    config = scaled(default_config(GaitConfig, "planners", "gait"), leg_length(model), foot_size(model))
-    fastest = min(config.swing.speed_max, config.swing.speed_share * foot_speed(model))
-    return replace(config, swing=replace(config.swing, speed_max=fastest))
-
-
-def foot_speed(model: RobotModel) -> float:
-    """Mean speed of a swing whose peak takes a leg as long as in 'stand' at the median of its joints' limits [m/s]."""
-    joints = [joint - JOINTS_V for foot in model.feet for joint in foot.joint_ids_v]
-    return float(np.median(model.v_max[joints])) * leg_length(model) / QUINTIC_PEAK
-
-
-def leg_length(model: RobotModel) -> float:
-    """Height of the first joint of a leg, at the hip, above the soles in the 'stand' posture [m]."""
-    data = model.data()
-    pin.forwardKinematics(model.pin, data, model.standing_configuration())
-    first = model.feet[0].joint_ids_v[0]
-    hip = next(joint for joint in range(1, model.pin.njoints) if model.pin.idx_vs[joint] == first)
-    return float(data.oMi[hip].translation[2])
-
-
-def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitConfig:
-    """The gait for a leg of another length and a foot of another length and width [m].
-
-    Lengths but widths scale with the leg, times and speeds with its root; ``cross_ahead`` and ``width_min``
-    change by the difference of the feet's length and width.
-    """
-    length, reach = leg / config.leg, config.reach
-    time = length**0.5
-    return replace(
-        config,
-        leg=leg,
-        foot=foot,
-        pace=replace(
-            _times(config.pace, time, "forward", "lateral"),
-            slow=_stride(config.pace.slow, length, time),
-            fast=_stride(config.pace.fast, length, time),
-        ),
-        timing=_times(config.timing, time, "single_min", "single_urgent", "single_max", "start", "finish"),
-        reach=replace(
-            _times(reach, length, "forward", "backward"),
-            cross_ahead=reach.cross_ahead + foot[0] - config.foot[0],
-            width_min=reach.width_min + foot[1] - config.foot[1],
-        ),
-        velocity=_times(config.velocity, time, "forward", "backward", "lateral"),
-        swing=_times(_times(config.swing, length, "rise_max"), time, "speed_max", "late_velocity"),
-        route=_times(config.route, time, "forward", "lateral"),
-    )
-
-
-def _stride(stride: StrideConfig, length: float, time: float) -> StrideConfig:
-    scaled = _times(_times(stride, length, "crouch", "clearance"), time, "single", "double")
-    return _times(scaled, 1.0 / length, "toe_off")
-
-
-def _times(part: Part, factor: float, *names: str) -> Part:
-    """A part with some of its fields multiplied."""
-    return replace(part, **{name: getattr(part, name) * factor for name in names})

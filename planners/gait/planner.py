@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from msgspec import structs
@@ -11,11 +12,11 @@ from models.constants import COM_HEIGHT_MIN, GRAVITY
 from models.errors import CommandError
 from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
-from models.types import ContactState, Reference, RobotState, Vector
+from models.types import ContactState, Reference, RobotState, Vector, Velocity
 from planners.gait.adjustment import PlannedStep, StepPlanner, Walk
 from planners.gait.ankle import AnkleStops
-from planners.gait.commands import Commands, CommandState
-from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.commands import Commands, CommandState, exceeded
+from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneDetector, Soles
 from planners.gait.dcm import DcmState, single_support
 from planners.gait.footing import FLAT, Footing
@@ -26,7 +27,9 @@ from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.regions import Region, region_limits
 from planners.gait.route import Footstep, Route
+from planners.gait.scaling import load_gait_config
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
+from planners.gait.strength import torque_limits
 from planners.gait.swing import SwingFoot
 
 _STILL = np.zeros(2)  #: Rate of a DCM at rest [m/s]
@@ -109,6 +112,15 @@ class GaitPlanner:
         """Record for observers."""
         omega = self._omega()
         return GaitView(self.state, self.state.measured.dcm(omega), omega, self._soles)
+
+    @cached_property
+    def limits(self) -> dict[str, str]:
+        """What limits crouch and velocity beside the configuration; see ``torque_limits``."""
+        return torque_limits(self.model, self.config)
+
+    def exceeded(self, velocity: Velocity) -> dict[str, str]:
+        """How a velocity exceeds the limits, for people, by the name of the component."""
+        return exceeded(velocity, self.config.velocity, self.limits)
 
     def reset(self, state: RobotState) -> None:
         """Start over from a robot that stands on both feet."""

@@ -30,11 +30,11 @@ import pinocchio as pin
 
 from models.constants import GRAVITY
 from models.errors import RobotModelError
+from models.foot import Foot
 from models.numerics.compiled import register_jitable
-from models.robot_model import Foot, RobotModel
+from models.robot_model import RobotModel
 from models.spline import quintic_step
 from models.types import Matrix, Vector
-from planners.gait.config import leg_length
 from planners.gait.footing import SoleEdges, turn_at_lift_off, turned_about
 from planners.gait.footsteps import Point
 from planners.gait.pace import Pace
@@ -187,11 +187,14 @@ def swing_slope(omega: float, duration: float, lever: LegLever) -> float:
 def leg_lever(model: RobotModel) -> LegLever:
     """The levers of a robot whose legs are bent as in a swing, mean of both; ``RobotModelError`` if it cannot swing."""
     data, q = model.data(), model.standing_configuration()
-    length = leg_length(model)
+    length = model.leg_length
     ahead, forward, lift, side = [], [], [], []
     for foot in model.feet:
+        _jacobian(model, data, q, foot)
+        sole = data.oMf[foot.frame_id].copy()
         for x in (-_REACH, 0.0, _REACH):
-            posed = _pose_foot(model, data, q, foot, length * np.array([x, 0.0, _BEND]))
+            place = pin.SE3(sole.rotation, sole.translation + length * np.array([x, 0.0, _BEND]))
+            posed = pose_foot(model, data, q, foot, place)
             momentum = _momentum(model, data, posed, foot)
             ahead.append(float(data.oMf[foot.frame_id].translation[0] - data.com[0][0]))
             forward.append(-momentum[1, 0])
@@ -203,40 +206,43 @@ def leg_lever(model: RobotModel) -> LegLever:
 
 
 def _momentum(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matrix:
-    """Angular momentum about the CoM per twist of a foot, moved by its leg alone, in W (3, 6)."""
+    """Angular momentum about the CoM per velocity of a foot, moved by its leg alone, in W (3, 3)."""
     pin.computeCentroidalMap(model.pin, data, q)
     jacobian = _jacobian(model, data, q, foot)
-    momentum: Matrix = data.Ag[3:, np.array(foot.joint_ids_v)] @ _solve(jacobian, np.eye(6))
+    momentum: Matrix = data.Ag[3:, np.array(foot.joint_ids_v)] @ _solve(jacobian, np.eye(len(jacobian))[:, :3])
     return momentum
 
 
 def _solve(jacobian: Matrix, right: Matrix) -> Matrix:
-    """Motion of a leg's joints for one of its foot; of a leg with other than six joints that of least squares."""
+    """Motion of a leg's joints for one of its foot; that of least norm of a leg with more joints."""
     square = jacobian.shape[0] == jacobian.shape[1]
     return np.asarray(np.linalg.solve(jacobian, right) if square else np.linalg.lstsq(jacobian, right)[0], dtype=float)
 
 
+def _held(foot: Foot) -> list[int]:
+    """Components of a twist of the sole that its leg determines: without the rotations with the leg."""
+    return [0, 1, 2, *(3 + axis for axis in range(3) if not foot.free[axis])]
+
+
 def _jacobian(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matrix:
-    """Of a foot by the joints of its leg, in W (6, 6); updates the frames of ``data``."""
+    """Of a foot by the joints of its leg, in W, the rows of ``_held``; updates the frames of ``data``."""
     pin.computeJointJacobians(model.pin, data, q)
     pin.updateFramePlacements(model.pin, data)
     jacobian: Matrix = pin.getFrameJacobian(model.pin, data, foot.frame_id, pin.LOCAL_WORLD_ALIGNED)
-    return jacobian[:, np.array(foot.joint_ids_v)]
+    return jacobian[np.ix_(_held(foot), foot.joint_ids_v)]
 
 
-def _pose_foot(model: RobotModel, data: pin.Data, q: Vector, foot: Foot, shift: Vector) -> Vector:
-    """The posture with one sole moved by ``shift`` (3,) [m], still level; the base stays."""
-    posed = q.copy()
-    _jacobian(model, data, posed, foot)
-    target = data.oMf[foot.frame_id].copy()
-    target.translation = target.translation + shift
+def pose_foot(model: RobotModel, data: pin.Data, q: Vector, foot: Foot, target: pin.SE3) -> Vector:
+    """The posture with one sole at a pose in W; the base stays. ``RobotModelError`` if that is out of reach."""
+    posed, held = q.copy(), _held(foot)
     joints = np.array(foot.joint_ids_v) + (model.nq - model.nv)
     for _ in range(_ITERATIONS):
         jacobian = _jacobian(model, data, posed, foot)
         here = data.oMf[foot.frame_id]
         turn = pin.log3(target.rotation @ here.rotation.T)
-        error = np.concatenate([target.translation - here.translation, turn])
+        error = np.concatenate([target.translation - here.translation, turn])[held]
         if np.linalg.norm(error) < _TOLERANCE:
             return posed
         posed[joints] += _solve(jacobian, error)
-    raise RobotModelError(f"{model.name}: the {foot.name} foot cannot be moved by {shift.round(3)} m from 'stand'")
+    way = (target.translation - here.translation).round(3)
+    raise RobotModelError(f"{model.name}: the {foot.name} foot cannot be moved by {way} m: out of its leg's reach")

@@ -23,10 +23,11 @@ from models.nodes.parameters import declare_config
 from models.nodes.qos import EVENT, STATE
 from models.robot_model import RobotModel
 from models.types import STILL, Velocity
-from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, RIGHT, Foothold
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep, Route
+from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitState
 
 T = TypeVar("T", bound=Struct)

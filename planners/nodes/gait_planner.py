@@ -20,7 +20,7 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
 from models.nodes.spin import program
 from models.status import GaitStatus
 from models.types import STILL, Mode, Velocity
-from planners.gait.commands import VelocityCommand, limited
+from planners.gait.commands import VelocityCommand
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Feet
 from planners.gait.planner import GaitPlanner
@@ -51,6 +51,7 @@ class GaitTopics:
         self._taken = node.announce(Path, topics.FOOTSTEPS_TAKEN, EVENT)
         self._history: deque[Any] = deque(maxlen=TAKEN_MAX)
         self._log, self._limited, self._exceeded = node.get_logger(), "", list[str]()
+        law.exceeded(STILL)  # computes the limits now and not in a tick
         self.reset()
 
     def reset(self) -> None:
@@ -69,15 +70,10 @@ class GaitTopics:
 
     def report_limit(self, velocity: Velocity) -> None:
         """Report how a commanded velocity exceeds the limits, once for each set of components beyond them."""
-        allowed, names = limited(velocity, self._law.config.velocity), ("forward", "left", "turn")
-        parts = list(zip(names, ("m/s", "m/s", "rad/s"), velocity, allowed, strict=True))
-        exceeded = [name for name, _, given, kept in parts if given != kept]
-        if exceeded == self._exceeded:
+        exceeded = self._law.exceeded(velocity)
+        if list(exceeded) == self._exceeded:
             return
-        self._exceeded = exceeded
-        self._limited = ", ".join(
-            f"{name} {v:.3g} limited to {kept:.3g} {u}" for name, u, v, kept in parts if v != kept
-        )
+        self._exceeded, self._limited = list(exceeded), ", ".join(exceeded.values())
         if self._limited:
             self._log.warning(f"velocity: {self._limited}")
         self._report()

@@ -205,7 +205,7 @@ class MotionPlannerNode(PoiseNode):
         self._request = ""
         try:
             motion = variant(request.partition(" ")[0], self.model.name, self._law.names)
-            trajectory, size = self._law.plan_sized(motion, start_q=self._start())
+            planned = self._law.plan_sized(motion, start_q=self._start())
         except PoiseError as error:
             refusal = MotionStatus(MotionState.REFUSED, request, str(error))
             self._publish_status(refusal)
@@ -213,10 +213,11 @@ class MotionPlannerNode(PoiseNode):
             self.refuse(topics.MOTION_REQUEST, error)
             return
         self.values["last plan"] = request
-        of_size = "" if size == 1.0 else f" at {100.0 * size:.0f} % of its size"
-        self.get_logger().info(
-            f"planned {request}{of_size}: {trajectory.times[-1]:.1f} s, {len(trajectory.times)} points"
-        )
+        trajectory = planned.trajectory
+        if planned.reduced:
+            self._publish_status(MotionStatus(MotionState.REDUCED, request, planned.reduced))
+        size = f"{trajectory.times[-1]:.1f} s, {len(trajectory.times)} points"
+        self.get_logger().info(f"planned {request}: {', '.join(filter(None, (size, planned.reduced)))}")
         answer = trajectory_to_message(thin(trajectory, self._points_max))
         answer.header.frame_id = request
         self._trajectory.publish(answer)

@@ -32,9 +32,9 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.status import GET_UP, ControlStatus, StartStatus, SupervisorStatus
 from models.types import Mode, SolveStatus
-from planners.gait.config import load_gait_config
 from planners.gait.footsteps import LEFT, Foothold
 from planners.gait.route import Footstep
+from planners.gait.scaling import load_gait_config
 from planners.nodes.footstep_messages import path_from_steps
 from tests.ros.conftest import STAMP, Bench, StatusTopic
 from tests.support import standing

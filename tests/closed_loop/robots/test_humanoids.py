@@ -6,15 +6,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.stability.humanoids import Humanoid
 from bridge.closed_loop import ClosedLoop
 from controllers.balance.controller import BalanceController
 from models.proposal.profile_text import write_proposal
 from models.proposal.propose import propose
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState, SolveStatus
-from tests.humanoids import Humanoid
 
-KINDS = {"five-joint legs": Humanoid(ankle_roll=False), "legs below a waist": Humanoid(waist_legs=True)}
+KINDS = {
+    "five-joint legs": Humanoid(ankle_roll=False),
+    "legs below a waist": Humanoid(waist_legs=True),
+    "four-joint legs": Humanoid(ankle_roll=False, hip_yaw=False),
+    "no hip yaw": Humanoid(hip_yaw=False),
+    "weak knees": Humanoid(knee=40.0),
+}
 
 
 def proposed(kind: str, folder: Path) -> RobotModel:
@@ -59,6 +65,43 @@ def test_a_sole_that_rolls_bears_on_its_middle_line_alone(five: RobotModel) -> N
         assert wrench[2] > 0.2 * 9.81 * model.mass
         assert wrench[3] == pytest.approx(area[2] * wrench[2], abs=1e-6)
     assert [law.whole_body.tasks[f"{foot.name}_foot"].weight[3] for foot in model.feet] == [0.0, 0.0]
+
+
+def test_legs_of_four_joints_keep_both_soles_and_the_heading(tmp_path: Path) -> None:
+    """The contact rows hold in every direction, also in those that the leg leaves alone, and the QP is solved."""
+    model, contact = proposed("four-joint legs", tmp_path), ContactState(active=True, wrench=np.zeros(6))
+    law, state = (
+        BalanceController(model),
+        RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (contact, contact)),
+    )
+    law.reset(state)
+    result = law.step(state, 1e-3)
+    assert result.status is SolveStatus.OPTIMAL and result.residual < 1e-6
+    data, acceleration = model.data(), law.whole_body.acceleration
+    pin.computeJointJacobians(model.pin, data, state.q)
+    pin.updateFramePlacements(model.pin, data)
+    for foot in model.feet:
+        twist = pin.getFrameJacobian(model.pin, data, foot.frame_id, pin.LOCAL) @ acceleration
+        assert np.abs(np.delete(twist, 3)).max() < 1e-6  # about its length it may turn
+    assert np.abs(acceleration[[0, 1, 2, 4]]).max() < 1.0 and abs(acceleration[5]) < 1e-6
+
+
+def test_a_robot_without_yaw_says_that_it_does_not_turn(tmp_path: Path) -> None:
+    loop = ClosedLoop(proposed("four-joint legs", tmp_path), seed=1)
+    loop.run(0.3)
+    reply = loop.command("turn")
+    assert reply.accepted and "turn 0.4 limited to 0 rad/s by the legs" in reply.reason
+
+
+def test_weak_knees_squat_and_walk_within_their_torque(tmp_path: Path) -> None:
+    model = proposed("weak knees", tmp_path)
+    bend = model.posture("stand")[model.joint_index("left_knee")]
+    assert 0.25 <= bend < 0.45
+    loop = ClosedLoop(model, seed=1)
+    loop.run(0.3)
+    reply = loop.command("squat")
+    assert reply.details == {"size": pytest.approx(0.8, abs=0.11)} and "of its size" in reply.reason
+    assert loop.wait_motion() and not loop.fallen
 
 
 def test_stands_and_squats(kind: RobotModel) -> None:

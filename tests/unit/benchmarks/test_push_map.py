@@ -16,7 +16,7 @@ from benchmarks.stability.push_bounds import distance_with_steps, step_distance,
 from benchmarks.stability.push_map import Outcome, Trial, map_config, moments, prepare, survives
 from models.errors import ConfigError
 from models.robot_model import RobotModel
-from planners.gait.config import load_gait_config
+from planners.gait.scaling import load_gait_config
 
 OMEGA = 3.9
 AHEAD, LEFT = np.eye(2)

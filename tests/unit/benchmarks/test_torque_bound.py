@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.stability.push_bounds import ankle_bound, static_force, static_torques, torque_bound
+from benchmarks.stability.push_bounds import ankle_bound, static_force, torque_bound
 from bridge.analysis.stability import distance_along, support_polygon
 from models.constants import GRAVITY
 from models.errors import PoiseError
@@ -62,6 +62,6 @@ def test_weaker_ankles_bear_less_and_none_bear_nothing() -> None:
 
 def test_static_torques_keep_the_base_in_balance() -> None:
     model = RobotModel.load("talos")
-    torques = static_torques(model, model.standing_configuration())
+    torques = model.static_torques(model.standing_configuration(), model.data())
     assert torques.shape == (model.nj,)
     assert (np.abs(torques) < model.tau_max).all() and np.abs(torques).max() > 1.0

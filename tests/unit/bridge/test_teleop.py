@@ -11,7 +11,7 @@ from bridge.teleop import Gamepad, KeyLaw, TeleopConfig, limits_of
 from models.config import default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel
-from planners.gait.config import load_gait_config
+from planners.gait.scaling import load_gait_config
 
 CONFIG = default_config(TeleopConfig, "bridge", "teleop")
 

@@ -10,11 +10,12 @@ from controllers.qp.contacts import ContactGains, hold_contact
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import RobotState
-from planners.gait.config import GaitConfig, foot_speed, load_gait_config
+from planners.gait.config import GaitConfig
 from planners.gait.contact import Soles
 from planners.gait.measurement import GaitMeasurement
 from planners.gait.planner import GaitPlanner
 from planners.gait.reference import ReferenceBuilder, height_in_reach
+from planners.gait.scaling import foot_speed, load_gait_config
 from planners.gait.state import GaitPhase
 from tests.gaits import DT, in_single_support, on_one_foot
 from tests.support import standing

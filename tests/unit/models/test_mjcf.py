@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.stability.humanoids import Humanoid
 from models.errors import RobotModelError
 from models.mujoco_model import build_mujoco
 from models.proposal.mjcf import read_mjcf
@@ -15,7 +16,6 @@ from models.proposal.profile_text import write_proposal
 from models.proposal.propose import propose
 from models.proposal.shapes import Description
 from models.robot_model import RobotModel
-from tests.humanoids import Humanoid
 
 #: Frames beside the joints, a joint that is zero elsewhere, full inertias, a mesh that the compiler moves
 _TRAPS = """

@@ -12,7 +12,7 @@ from controllers.whole_body.config import load_balance_config, load_whole_body_c
 from models.errors import ConfigError, RobotModelError
 from models.profile import load_profile, robot_names
 from models.robot_model import RobotModel
-from planners.gait.config import load_gait_config
+from planners.gait.scaling import load_gait_config
 
 Write = Callable[[dict[str, Any]], Path]
 

@@ -9,7 +9,7 @@ import pytest
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState, Vector
 from planners.gait.ankle import AnkleStops
-from planners.gait.config import load_gait_config
+from planners.gait.scaling import load_gait_config
 
 LEANS = {"left": (-1, 0), "right": (1, 0), "front": (0, 1), "back": (0, -1)}  # rotation of the body about x and y
 

@@ -10,11 +10,12 @@ from msgspec import structs
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import RobotState
-from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.config import GaitConfig
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Foothold
 from planners.gait.measurement import GaitMeasurement, Ground, Measurement
 from planners.gait.planner import GaitPlanner
+from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitPhase
 from tests.gaits import DT, in_single_support, on_one_foot
 from tests.support import standing

@@ -7,8 +7,8 @@ import pytest
 
 from models.robot_model import RobotModel
 from models.types import Reference, RobotState
-from planners.gait.config import load_gait_config
 from planners.gait.planner import GaitPlanner
+from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitPhase
 from tests.support import standing
 

@@ -7,7 +7,6 @@ import pytest
 
 from planners.gait.adjustment import PlannedStep, StepPlanner, Walk
 from planners.gait.commands import CommandState
-from planners.gait.config import QUINTIC_PEAK
 from planners.gait.foot_motion import FootLimits
 from planners.gait.footsteps import Foothold, side_of
 from planners.gait.pace import pace_at
@@ -21,6 +20,7 @@ from planners.gait.regions import (
     region_boxes,
     region_limits,
 )
+from planners.gait.scaling import QUINTIC_PEAK
 from planners.gait.swing import SwingState
 from tests.gaits import Planned
 

@@ -8,9 +8,9 @@ import pytest
 from msgspec import structs
 
 from models.robot_model import RobotModel
-from planners.gait.config import load_gait_config
 from planners.gait.planner import GaitPlanner
 from planners.gait.reference import ReferenceBuilder
+from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitPhase
 
 DT, SINGLE, DOUBLE = 0.001, 0.50, 0.04

@@ -5,11 +5,11 @@ import pytest
 
 from models.robot_model import RobotModel
 from models.types import Reference
-from planners.gait.config import load_gait_config
 from planners.gait.footing import FLAT, Footing, ToeOff
 from planners.gait.pace import pace_at
 from planners.gait.planner import GaitPlanner
 from planners.gait.reference import ReferenceBuilder
+from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitPhase
 from planners.gait.swing import SwingFoot
 from tests.support import standing

@@ -19,7 +19,7 @@ from benchmarks.tuning.tune import Parameters, Pushes, TuneConfig, draw, load_tu
 from controllers.whole_body.config import load_balance_config
 from models.errors import ConfigError
 from models.robot_model import RobotModel
-from planners.gait.config import load_gait_config
+from planners.gait.scaling import load_gait_config
 
 pytest.importorskip("cmaes")
 

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.stability.humanoids import Humanoid
 from models.errors import UnreachableError
 from models.proposal.profile_text import write_proposal
 from models.proposal.propose import propose
@@ -14,7 +15,6 @@ from models.robot_model import RobotModel
 from models.types import JointTrajectory, Matrix
 from planners.goals import plant, tilt_of
 from planners.motion import MotionPlanner
-from tests.humanoids import Humanoid
 
 Build = Callable[[Humanoid], RobotModel]
 

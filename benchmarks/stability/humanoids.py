@@ -42,13 +42,15 @@ class _Urdf:
 class Humanoid:
     """A robot of about 1.3 m and 45 kg with legs of 0.76 m."""
 
-    ankle_roll: bool = True  # without, the legs have five joints
+    ankle_roll: bool = True  # without, the legs have a joint less
+    hip_yaw: bool = True  # the same
     waist_legs: bool = False  # the base is the trunk, and the legs hang from a pelvis below two waist joints
     arms: tuple[str, ...] = ("left", "right")
     arm_joints: int = 4  # from the shoulder on
     arm: float = 0.5  # shoulder to end of the arm [m]
     head: bool = True
     ankle: float = 70.0  # torque limit of the ankles [N.m]
+    knee: float = 200.0  # torque limit of the knees [N.m]
 
     def write(self, folder: Path) -> Path:
         """Write the URDF; returns its path."""
@@ -68,7 +70,7 @@ class Humanoid:
             urdf.link("pelvis", 4.0, (0.12, 0.2, 0.1), (0.0, 0.0, -0.05))
             urdf.joint("waist_roll", "roll", "waist", "pelvis", (0.0, 0.0, -0.03), (-0.5, 0.5), 80.0)
         else:
-            urdf.link("pelvis", 5.0, (0.12, 0.2, 0.12))
+            urdf.link("pelvis", 5.0, (0.06, 0.2, 0.06), (0.0, 0.0, 0.04))
             urdf.link("trunk", *trunk)
             urdf.joint("waist_yaw", "yaw", "pelvis", "trunk", (0.0, 0.0, 0.05), (-1.5, 1.5), 80.0)
         if self.head:
@@ -83,14 +85,17 @@ class Humanoid:
     def _leg(self, urdf: _Urdf, side: str, sign: float) -> None:
         """Hip yaw, roll and pitch, knee, ankle pitch and roll."""
         here, roll = (0.0, 0.0, 0.0), (-0.4, 0.8) if sign > 0.0 else (-0.8, 0.4)
-        hip = urdf.link(f"{side}_hip", 1.0)
-        urdf.joint(f"{side}_hip_yaw", "yaw", "pelvis", hip, (0.0, 0.1 * sign, -0.06), (-0.8, 0.8), 120.0)
+        hip, place = "pelvis", (0.0, 0.1 * sign, -0.06)
+        if self.hip_yaw:
+            hip = urdf.link(f"{side}_hip", 1.0)
+            urdf.joint(f"{side}_hip_yaw", "yaw", "pelvis", hip, place, (-0.8, 0.8), 120.0)
+            place = here
         side_hip = urdf.link(f"{side}_hip_side", 1.0)
-        urdf.joint(f"{side}_hip_roll", "roll", hip, side_hip, here, roll, 150.0)
+        urdf.joint(f"{side}_hip_roll", "roll", hip, side_hip, place, roll, 150.0)
         thigh = urdf.link(f"{side}_thigh", 4.0, (0.1, 0.09, 0.3), (0.0, 0.0, -0.16))
         urdf.joint(f"{side}_hip_pitch", "pitch", side_hip, thigh, here, (-2.0, 1.2), 150.0)
         shank = urdf.link(f"{side}_shank", 2.0, (0.08, 0.08, 0.3), (0.0, 0.0, -0.17))
-        urdf.joint(f"{side}_knee", "pitch", thigh, shank, (0.0, 0.0, -0.35), (-0.1, 2.2), 200.0)
+        urdf.joint(f"{side}_knee", "pitch", thigh, shank, (0.0, 0.0, -0.35), (-0.1, 2.2), self.knee)
         width = 0.08 if self.ankle_roll else 0.035  # a sole that rolls is narrow
         foot, ankle = (0.8, (0.2, width, 0.03), (0.03, 0.0, -0.06)), (0.0, 0.0, -0.35)
         if self.ankle_roll:
@@ -122,3 +127,18 @@ class Humanoid:
             link = urdf.link(f"{side}_{kind}_link", 0.6, size, centre)
             urdf.joint(f"{side}_{kind}", axis, above, link, at, limits, 40.0)
             above = link
+
+
+#: A robot of each kind
+KINDS = {
+    "six-joint legs": Humanoid(),
+    "legs below a waist": Humanoid(waist_legs=True),
+    "five-joint legs, no ankle roll": Humanoid(ankle_roll=False),
+    "five-joint legs, no hip yaw": Humanoid(hip_yaw=False),
+    "four-joint legs": Humanoid(ankle_roll=False, hip_yaw=False),
+    "ankles of 8 N.m": Humanoid(ankle=8.0),
+    "knees of 35 N.m": Humanoid(knee=35.0),
+    "one arm": Humanoid(arms=("left",)),
+    "no arms, no head": Humanoid(arms=(), head=False),
+    "arms of two joints": Humanoid(arm_joints=2),
+}

@@ -1,0 +1,310 @@
+"""Robots from their files alone: what ``poise check-robot`` finds of every humanoid at hand, and longer runs of them.
+
+The humanoids are the files of the installed packages and the generated ones of ``benchmarks/stability/humanoids.py``.
+Files of other robots are refused, and counted.
+"""
+
+import math
+import re
+import site
+import tempfile
+import time
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, settings
+from benchmarks.core.harness import Case, Options, Report, chosen
+from benchmarks.core.loops import advance, demand, start_walk
+from benchmarks.stability.humanoids import KINDS
+from bridge.check_robot import Trial, Verdict, check_robot
+from bridge.closed_loop import ClosedLoop
+from models.config import STRICT, Fraction, Positive
+from models.errors import PoiseError
+from models.profile import robot_names
+from models.robot_model import RobotModel
+from models.types import Mode, Velocity
+from planners.gait.strength import STANDSTILL
+from planners.whole_body_ik import arms
+
+GENERATED = "generated: "  #: Begin of the name of a generated robot
+TABLE = "robots_table.md"  #: File that the table goes into
+_PARTS = 3  #: Last parts of a path that name a file: package, folder, file
+_TRIALS = ("stand", "squat", "wave", "walk", "push")
+_HEAD = ("robot", "mass", "legs", *_TRIALS, "verdict after", "what limits it")
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class RobotsConfig:
+    """The runs; the unit of every value stands in ``benchmarks/config/robots.yaml``."""
+
+    usual: tuple[str, ...]
+    stand_time: Positive
+    stand_drift: Positive
+    push: Positive
+    push_time: Positive
+    pause: Positive
+    motions: tuple[str, ...]
+    walk_time: Positive
+    speeds: dict[str, tuple[float, float, float]]
+    step_speed: Positive
+    progress: Fraction
+
+
+_config = partial(settings, RobotsConfig, "robots")
+
+
+@cache
+def robot_files() -> dict[str, Path]:
+    """URDF and MJCF files of the installed packages, by the last parts of their paths, sorted."""
+    found = {}
+    for root in map(Path, site.getsitepackages()):
+        for path in (*root.rglob("*.urdf"), *(each for each in root.rglob("*.xml") if _is_mjcf(each))):
+            found["/".join(path.parts[-_PARTS:])] = path
+    return dict(sorted(found.items()))
+
+
+def _is_mjcf(path: Path) -> bool:
+    return b"<mujoco" in path.read_bytes()[:4096]
+
+
+def write_robot(name: str, folder: Path) -> Path:
+    """The file of a robot by its name in the cases, a generated one written to a folder."""
+    if name.startswith(GENERATED):
+        return KINDS[name.removeprefix(GENERATED)].write(folder)
+    return robot_files()[name]
+
+
+def check(robot: str, seed: int) -> Case:
+    """Verdict of one robot: its ``trials`` and ``findings`` in words, or why it was ``refused``."""
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            verdict = check_robot(write_robot(robot, Path(folder)), Path(folder) / "profile.yaml", seed=seed)
+        except PoiseError as error:
+            return {"refused": str(error).rpartition(f"{Path(robot).name}: ")[2]}
+        model = RobotModel.load(verdict.files[0])
+    legs = [len(foot.joint_ids_v) for foot in model.feet]
+    return {
+        "mass": model.mass,
+        "legs": legs[0],
+        "arms": len(arms(model)),
+        "trials": {trial.name: [trial.passed, trial.detail] for trial in verdict.trials},
+        "limits": [*_failures(verdict), *verdict.notes],
+        "time": time.perf_counter() - began,
+    }
+
+
+def _failures(verdict: Verdict) -> list[str]:
+    def text(trial: Trial) -> str:
+        return f"{trial.name}: {trial.detail}"
+
+    return [text(trial) for trial in verdict.trials if not trial.passed]
+
+
+def run_trial(robot: str, trial: str, seed: int) -> Case:
+    """One long run: whether it ``passed``, and how it ended in words."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            return {"passed": True, "reason": _RUNS[trial](_loop(robot, Path(folder), seed), seed)}
+        except PoiseError as error:
+            return {"passed": False, "reason": str(error)}
+
+
+def _loop(robot: str, folder: Path, seed: int) -> ClosedLoop:
+    """A packaged robot, or one with the profile that is proposed for its file."""
+    if robot in robot_names():
+        return ClosedLoop(robot, seed=seed, record=False)
+    from bridge.check_robot import propose_profile
+
+    _, files = propose_profile(write_robot(robot, folder), folder / "profile.yaml", ())
+    return ClosedLoop(files[0], seed=seed, record=False)
+
+
+def _stand(loop: ClosedLoop, seed: int) -> str:
+    config, start = _config(), loop.plant.com.copy()
+    advance(loop, config.stand_time)
+    drift = float(np.linalg.norm((loop.plant.com - start)[:2]))
+    if drift > config.stand_drift:
+        raise PoiseError(f"the CoM moved by {1e3 * drift:.1f} mm")
+    angle = np.random.default_rng([seed, 30]).uniform(0.0, 2.0 * math.pi)
+    force = loop.robot.mass * config.push / config.push_time
+    loop.apply_push((force * math.cos(angle), force * math.sin(angle), 0.0), config.push_time)
+    _rest(loop)
+    return f"CoM {1e3 * drift:.1f} mm, push towards {math.degrees(angle):.0f} deg"
+
+
+def _move(loop: ClosedLoop, seed: int) -> str:
+    hands, names = arms(loop.robot), _config().motions
+    for name in names if hands else [name for name in names if name != "wave"]:
+        demand(loop, name)
+        loop.wait_motion()
+        _rest(loop)
+    return ""
+
+
+def _walk(loop: ClosedLoop, seed: int, *, share: tuple[float, float, float]) -> str:
+    config, gait = _config(), loop.gait.config
+    pace, most = gait.pace, gait.velocity
+    velocity: Velocity = (
+        min(share[0] * pace.forward, most.forward),
+        min(share[1] * pace.lateral, most.lateral),
+        min(share[2] * pace.turn, most.turn),
+    )
+    way, yaw, start = velocity, 0.0, loop.truth
+    if max(velocity) <= STANDSTILL:
+        velocity, way = (config.step_speed, 0.0, 0.0), (0.0, 0.0, 0.0)
+    start_walk(loop, *velocity)
+    heading = _yaw(loop)
+    for _ in range(round(config.walk_time)):
+        advance(loop, 1.0)
+        yaw, heading = yaw + math.remainder(_yaw(loop) - heading, 2.0 * math.pi), _yaw(loop)
+    demand(loop, "stop")
+    _rest(loop)
+    gone = float(np.linalg.norm(loop.truth.q[:2] - start.q[:2])), abs(yaw)
+    asked = config.walk_time * math.hypot(way[0], way[1]), config.walk_time * way[2]
+    if any(done < config.progress * whole for done, whole in zip(gone, asked, strict=True)):
+        raise PoiseError(f"it went {gone[0]:.2f} of {asked[0]:.2f} m, turned {gone[1]:.2f} of {asked[1]:.2f} rad")
+    return f"{gone[0]:.2f} m, {gone[1]:.2f} rad"
+
+
+def _yaw(loop: ClosedLoop) -> float:
+    x, y, z, w = loop.truth.q[3:7].tolist()
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _rest(loop: ClosedLoop) -> None:
+    """Run for a pause; ``PoiseError`` unless the robot then stands."""
+    advance(loop, _config().pause)
+    if loop.mode is not Mode.STAND:
+        raise PoiseError(f"mode '{loop.mode.value}' {_config().pause:g} s later; {'; '.join(loop.faults)}")
+
+
+_RUNS: dict[str, Callable[[ClosedLoop, int], str]] = {
+    "stand": _stand,
+    "motions": _move,
+    **{name: partial(_walk, share=share) for name, share in _config().speeds.items()},
+}
+
+
+def measure(robot: str, seed: int, trial: str = "") -> Case:
+    """A long run, or the verdict without one."""
+    return run_trial(robot, trial, seed) if trial else check(robot, seed)
+
+
+class Robots(Benchmark):
+    """Every robot once a seed, or every run of the chosen ones."""
+
+    measure = staticmethod(measure)
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self._long = name == "robots_trials"
+
+    def cases(self, options: Options) -> list[Case]:
+        """``ConfigError`` lists the robots."""
+        found = [*robot_files(), *(GENERATED + kind for kind in KINDS)]
+        known = [*robot_names(), *found] if self._long else found
+        names = chosen(self.name, options.scenarios, known, _config().usual if self._long else None)
+        seeds, runs = options.each_seed(), [{"trial": run} for run in _RUNS] if self._long else [{}]
+        return [{"robot": name, **run, "seed": seed} for name in names for run in runs for seed in seeds]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """How many robots do what, or how many runs passed."""
+        if self._long:
+            shares: dict[str, list[bool]] = {}
+            for case in cases:
+                shares.setdefault(case["robot"], []).append(case["passed"])
+            figures = {"robots": len(shares), "runs": len(cases), "passed": sum(case["passed"] for case in cases)}
+            return figures | {"passed_share_min": min(float(np.mean(each)) for each in shares.values())}
+        tried = [case for case in cases if "trials" in case]
+        done = {name: sum(case["trials"].get(name, [False])[0] for case in tried) for name in _TRIALS}
+        return {"files": len(cases), "robots": len(tried)} | done | {"time_max_s": max(c["time"] for c in tried)}
+
+    def notes(self, report: Report) -> list[str]:
+        """The runs that failed, or the table."""
+        failed = [
+            f"{case['robot']}, {case['trial']}, seed {case['seed']}: {case['reason']}"
+            for case in report.cases
+            if not case.get("passed", True)
+        ]
+        return [*super().notes(report), *failed] if self._long else rows(report.cases)
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Write the table of the robots, or of the runs, as Markdown."""
+        file = folder / (TABLE.replace("table", "trials") if self._long else TABLE)
+        lines = trial_rows(report.cases) if self._long else rows(report.cases)
+        file.write_text(_TEXT[self.name] + "\n".join(lines) + "\n", encoding="utf-8")
+        return [file]
+
+    def survived(self, case: Case) -> tuple[str, bool] | None:
+        """By robot, in the long runs."""
+        return (case["robot"], case["passed"]) if self._long else None
+
+
+_TEXT = {
+    "robots": """\
+# Robots from their files alone
+
+What `poise check-robot` finds ([robots.md](robots.md)), written by `poise bench robots --plot docs`: every URDF and
+MJCF file of the installed packages that has two legs to stand on, and the generated robots of
+`benchmarks/stability/humanoids.py`. One seed.
+
+""",
+    "robots_trials": """\
+# Long runs
+
+Runs that ended as they should, of those with every seed, written by `poise bench robots --mode trials --plot docs` with
+`--first-seed` and a `--scenario` for each robot.
+
+""",
+}
+
+
+def rows(cases: list[Case]) -> list[str]:
+    """The table in Markdown, and below it the files without two legs to stand on."""
+    tried, lines = [case for case in cases if "trials" in case], _table(_HEAD)
+    for case in tried:
+        trials: dict[str, Any] = case["trials"]
+        words = [_word(trials[each]) if each in trials else "-" for each in _TRIALS]
+        if not case["arms"]:
+            words[_TRIALS.index("wave")] = "no arm"
+        name = f"`{case['robot']}`" if "/" in case["robot"] else case["robot"]
+        limits = "; ".join(case["limits"]).replace("|", "/")
+        cells = name, f"{case['mass']:.0f} kg", f"{case['legs']} joints", *words, f"{case['time']:.0f} s", limits
+        lines.append(f"| {' | '.join(cells)} |")
+    refused: dict[str, list[str]] = {}  # by the reason, whatever the names in it
+    for case in (case for case in cases if "refused" in case):
+        refused.setdefault(re.sub(r"'[^']*'", "...", case["refused"]), []).append(f"`{case['robot']}`")
+    names = [f"- {reason}: {', '.join(names)}" for reason, names in refused.items()]
+    return [*lines, "", "Refused:", "", *names] if names else lines
+
+
+def trial_rows(cases: list[Case]) -> list[str]:
+    """The table of the long runs in Markdown."""
+    names, lines = list(_RUNS), _table(("robot", *_RUNS, "all", "what ended the others"))
+    for robot in dict.fromkeys(case["robot"] for case in cases):
+        own = [case for case in cases if case["robot"] == robot]
+        cells = [_share([case for case in own if case["trial"] == name]) for name in names]
+        failed = [f"{case['trial']}, seed {case['seed']}: {case['reason']}" for case in own if not case["passed"]]
+        lines.append(f"| {' | '.join((robot, *cells, _share(own), '; '.join(failed)))} |")
+    return lines
+
+
+def _share(cases: list[Case]) -> str:
+    return f"{sum(case['passed'] for case in cases)} of {len(cases)}"
+
+
+def _table(head: tuple[str, ...]) -> list[str]:
+    return [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
+
+
+def _word(trial: list[Any]) -> str:
+    """A trial in a cell: its first figure, or that it failed."""
+    passed, detail = trial
+    figure = detail.partition(", ")[0]
+    return figure.partition(": ")[2] or figure if passed else "no"

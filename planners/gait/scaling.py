@@ -1,0 +1,87 @@
+"""The gait of a robot: that of the reference leg scaled to its legs, within what they reach and hold."""
+
+from dataclasses import replace
+from importlib.resources import files
+from typing import TypeVar
+
+import numpy as np
+
+from models.config import default_config, overlaid
+from models.constants import JOINTS_V
+from models.leg_shapes import foot_size
+from models.robot_model import RobotModel
+from planners.gait.config import (
+    GaitConfig,
+    PaceConfig,
+    ReachConfig,
+    RouteConfig,
+    StrideConfig,
+    SwingConfig,
+    TimingConfig,
+    VelocityConfig,
+)
+from planners.gait.strength import within_torques
+
+QUINTIC_PEAK = 15.0 / 8.0  #: Peak over mean speed of a quintic from rest to rest [-]
+
+Part = TypeVar("Part", StrideConfig, PaceConfig, TimingConfig, ReachConfig, VelocityConfig, SwingConfig, RouteConfig)
+
+
+def load_gait_config(model: RobotModel) -> GaitConfig:
+    """The gait of a robot: ``gait_<name>.yaml``, or ``gait.yaml`` scaled to its legs, with ``laws`` of its profile."""
+    return overlaid(_packaged(model), model.profile.laws.get("gait", {}), f"{model.profile.source}: laws.gait")
+
+
+def _packaged(model: RobotModel) -> GaitConfig:
+    own = f"gait_{model.name}"
+    if (files("planners") / "config" / f"{own}.yaml").is_file():
+        return default_config(GaitConfig, "planners", own)
+    config = scaled(default_config(GaitConfig, "planners", "gait"), model.leg_length, foot_size(model))
+    fastest = min(config.swing.speed_max, config.swing.speed_share * foot_speed(model))
+    config = replace(config, swing=replace(config.swing, speed_max=fastest))
+    return within_torques(model, config)
+
+
+def foot_speed(model: RobotModel) -> float:
+    """Mean speed of a swing whose peak takes a leg as long as in 'stand' at the median of its joints' limits [m/s]."""
+    joints = [joint - JOINTS_V for foot in model.feet for joint in foot.joint_ids_v]
+    return float(np.median(model.v_max[joints])) * model.leg_length / QUINTIC_PEAK
+
+
+def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitConfig:
+    """The gait for a leg of another length and a foot of another length and width [m].
+
+    Lengths but widths scale with the leg, times and speeds with its root; ``cross_ahead`` and ``width_min``
+    change by the difference of the feet's length and width.
+    """
+    length, reach = leg / config.leg, config.reach
+    time = length**0.5
+    return replace(
+        config,
+        leg=leg,
+        foot=foot,
+        pace=replace(
+            _times(config.pace, time, "forward", "lateral"),
+            slow=_stride(config.pace.slow, length, time),
+            fast=_stride(config.pace.fast, length, time),
+        ),
+        timing=_times(config.timing, time, "single_min", "single_urgent", "single_max", "start", "finish"),
+        reach=replace(
+            _times(reach, length, "forward", "backward"),
+            cross_ahead=reach.cross_ahead + foot[0] - config.foot[0],
+            width_min=reach.width_min + foot[1] - config.foot[1],
+        ),
+        velocity=_times(config.velocity, time, "forward", "backward", "lateral"),
+        swing=_times(_times(config.swing, length, "rise_max"), time, "speed_max", "late_velocity"),
+        route=_times(config.route, time, "forward", "lateral"),
+    )
+
+
+def _stride(stride: StrideConfig, length: float, time: float) -> StrideConfig:
+    scaled = _times(_times(stride, length, "crouch", "clearance"), time, "single", "double")
+    return _times(scaled, 1.0 / length, "toe_off")
+
+
+def _times(part: Part, factor: float, *names: str) -> Part:
+    """A part with some of its fields multiplied."""
+    return replace(part, **{name: getattr(part, name) * factor for name in names})

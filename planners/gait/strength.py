@@ -1,0 +1,206 @@
+r"""What the torques of a robot's legs allow: crouch and speed of the walk.
+
+In the nominal step of a pace the base is upright, and the CoM moves as that of the pendulum with its ZMP ``p`` at rest,
+
+.. math:: c(t) - p = \frac{b + a}{2} \frac{\cosh \omega t}{\cosh \omega T/2}
+    + \frac{b - a}{2} \frac{\sinh \omega t}{\sinh \omega T/2}, \quad -T/2 \le t \le T/2
+
+from a to b, half-way to the other foot before and after the step, at the height of the gait with its rise; the swing
+foot moves from 2 a to 2 b. Inverse dynamics with all forces of the ground on the stance foot gives the torques. The
+root of the mean square of each over its limit is the share that the step takes of that joint: what carries the weight
+counts whole, the ends of a swing, which arms and a slower foot make up for, little. Ankles do not count: their torque
+is the CoP's, which is kept where they hold it (``Foot.bearing``).
+
+Crouch and velocity limits are reduced until no joint is taken beyond ``torque_share``, but for what it takes to step on
+the spot without a crouch. Where that is more than a joint has, the robot does not walk at all.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from models.constants import GRAVITY, JOINTS_V
+from models.errors import RobotModelError
+from models.foot import NORMAL
+from models.robot_model import RobotModel
+from models.types import STILL, Vector, Velocity
+from planners.gait.config import GaitConfig
+from planners.gait.pace import Pace, pace_at, share_of
+from planners.gait.reaction import pose_foot
+
+_SAMPLES = 13  #: Of a step: twice as many change the shares of the packaged robots by less than 0.01
+_BISECTIONS = 8  #: Of a limit
+_SLACK = 0.02  #: Of a limit beyond what a step on the spot takes, for a step that goes anywhere [-]
+_CROUCH = 0.9  #: Part of what is allowed that a crouch may take, so that the robot can still go anywhere [-]
+_BEYOND = 1.03  #: Torques limit a velocity if this many times it takes more than they allow [-]
+_DEEPER = 0.003  #: They limit a crouch if one that is deeper by this does [m]
+STANDSTILL = 1e-4  #: Velocity limit of a robot that cannot walk or turn [m/s], [rad/s]
+#: Velocities at the limits, in parts of them
+_WAYS: dict[str, Velocity] = {
+    "forward": (1.0, 0.0, 0.0),
+    "backward": (-1.0, 0.0, 0.0),
+    "lateral": (0.0, 1.0, 0.0),
+    "turn": (0.0, 0.0, 1.0),
+}
+
+
+class Step(NamedTuple):
+    """A nominal step with the left foot on the ground; lengths in [m], times in [s]."""
+
+    ends: tuple[tuple[float, float], tuple[float, float]]  #: CoM from the ZMP as it begins and ends
+    turn: float  #: Of the base in the step [rad]
+    drop: float  #: Of the CoM below that of standing
+    rise: float  #: Amplitude of the CoM's rise over the stance leg
+    pace: Pace
+
+
+class StepLoads:
+    """Loads of the steps of one robot; ``part`` is that of the configured ``torque_share`` that counts as allowed."""
+
+    def __init__(self, model: RobotModel, config: GaitConfig, part: float = 1.0) -> None:
+        self._model, self._config, self._data = model, config, model.data()
+        self._stand = model.standing_configuration()
+        self._com = np.array(pin.centerOfMass(model.pin, self._data, self._stand))
+        pin.framesForwardKinematics(model.pin, self._data, self._stand)
+        self._upright = self._data.oMi[1].rotation.copy()
+        self._soles = [self._data.oMf[foot.frame_id].copy() for foot in model.feet]
+        ankles = {joint.index_v for foot in model.feet for joint in foot.ankle}
+        joints = {v for foot in model.feet for v in foot.chain_ids_v} - ankles
+        self._joints = np.array(sorted(joints)) - JOINTS_V
+
+        #: Share of its torque limit that a step may take of each joint (n,) [-]
+        self.allowed = np.full(len(self._joints), part * config.torque_share)
+        on_the_spot = self.shares(STILL, pace_at(0.0, config.pace)._replace(crouch=0.0))
+        self.weak = bool(on_the_spot.max() > 1.0)  #: Whether the robot is too weak to step
+        np.maximum(self.allowed, on_the_spot + _SLACK, out=self.allowed)
+
+    def excess(self, velocity: Velocity, pace: Pace | None = None) -> tuple[float, int]:
+        """Largest ratio of a joint's share to what is allowed, and that joint; arguments as for ``shares``."""
+        ratios = self.shares(velocity, pace) / self.allowed
+        worst = int(ratios.argmax())
+        return float(ratios[worst]), int(self._joints[worst])
+
+    def shares(self, velocity: Velocity, pace: Pace | None = None) -> Vector:
+        """Share of each joint in the step at a velocity, and in the pace for it when None; see the module (n,) [-]."""
+        return self._shares(
+            self._step(velocity, pace or pace_at(share_of(velocity, self._config.pace), self._config.pace))
+        )
+
+    def _step(self, velocity: Velocity, pace: Pace) -> Step:
+        """Of two steps sideways the larger one."""
+        config, length, wide = self._config, velocity[0] * pace.period, abs(velocity[1]) * pace.period
+        half = 0.5 * float(self._soles[0].translation[1] - self._soles[1].translation[1])
+        leg = config.leg
+        reach = leg - math.sqrt(max(leg**2 - 0.25 * length**2 - wide**2, 0.25 * leg**2))
+        most = config.rise.acceleration * (0.5 * pace.period / math.pi) ** 2
+        rise = min(config.rise.share * length**2 / (16.0 * leg), most)
+        ends = (-0.5 * length, -half - wide), (0.5 * length, -half)
+        return Step(ends, velocity[2] * pace.period, max(pace.crouch, reach), rise, pace)
+
+    def _shares(self, step: Step) -> Vector:
+        """Infinite where the legs do not reach."""
+        times = np.linspace(-0.5, 0.5, _SAMPLES) * step.pace.single
+        try:
+            postures = self._postures(step, times)
+        except RobotModelError:
+            return np.full(len(self._joints), math.inf)
+        model, data, sole = self._model.pin, self._data, self._model.feet[0].frame_id
+        dt, squares = float(times[1] - times[0]), np.zeros(len(self._joints))
+        rates = [pin.difference(model, *pair) / dt for pair in pairwise(postures)]
+        for q, before, after in zip(postures[1:-1], rates[:-1], rates[1:], strict=True):
+            force = pin.rnea(model, data, q, 0.5 * (before + after), (after - before) / dt)
+            pin.computeJointJacobians(model, data, q)
+            pin.updateFramePlacements(model, data)
+            jacobian = pin.getFrameJacobian(model, data, sole, pin.LOCAL)
+            wrench = np.linalg.solve(jacobian[:, :JOINTS_V].T, force[:JOINTS_V])
+            torques = (force - jacobian.T @ wrench)[JOINTS_V:]
+            squares += (torques / self._model.tau_max)[self._joints] ** 2 / len(rates[1:])
+        return np.sqrt(squares)
+
+    def _postures(self, step: Step, times: Vector) -> list[Vector]:
+        """Configurations at times from the middle of a step."""
+        model, pace, foot = self._model, step.pace, self._model.feet[0]
+        x_min, x_max, y_min, y_max = foot.bearing
+        middle = np.array([0.5 * (x_min + x_max), 0.5 * (y_min + y_max)])
+        zmp = self._soles[0].translation[:2] + self._config.zmp * middle
+        omega, (first, last) = math.sqrt(GRAVITY / (self._com[2] - step.drop)), np.array(step.ends)
+        end, postures = 0.5 * omega * pace.single, [self._stand]
+        for t in times.tolist():
+            mean, way = 0.5 * (last + first), 0.5 * (last - first)
+            place = zmp + mean * math.cosh(omega * t) / math.cosh(end) + way * math.sinh(omega * t) / math.sinh(end)
+            height = self._com[2] - step.drop + step.rise * math.cos(2.0 * math.pi * t / pace.period)
+            q, yaw = postures[-1].copy(), pin.exp3(np.array([0.0, 0.0, step.turn * t / pace.single]))
+            q[3:7] = pin.Quaternion(yaw @ self._upright).coeffs()
+            q[:3] = np.array([*place, height]) + yaw @ (self._stand[:3] - self._com)
+            q = pose_foot(model, self._data, q, foot, self._soles[0])
+            swing = self._swing(step, t / pace.single + 0.5)
+            postures.append(pose_foot(model, self._data, q, model.feet[1], swing))
+        return postures[1:]
+
+    def _swing(self, step: Step, s: float) -> pin.SE3:
+        """Pose of the swing foot at a share of its time."""
+        (first, last), effort = np.array(step.ends), step.pace.least_effort
+        way = effort * s**2 * (3.0 - 2.0 * s) + (1.0 - effort) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        place = self._soles[0].translation[:2] + 2.0 * (first + way * (last - first))
+        lift = step.pace.clearance * math.sin(math.pi * s) ** 2
+        yaw = pin.exp3(np.array([0.0, 0.0, step.turn * (2.0 * way - 1.0)]))
+        return pin.SE3(yaw @ self._soles[1].rotation, np.array([*place, self._soles[1].translation[2] + lift]))
+
+
+def within_torques(model: RobotModel, config: GaitConfig) -> GaitConfig:
+    """The gait with crouch and velocity limits that the robot's legs allow."""
+    loads = StepLoads(model, config, _CROUCH)
+
+    def crouch(pace: Pace) -> float:
+        return _largest(lambda depth: loads.excess(STILL, pace._replace(crouch=depth))[0], pace.crouch, 0.0)
+
+    slow, fast = (crouch(pace_at(share, config.pace)) for share in (0.0, 1.0))
+    strides = replace(config.pace.slow, crouch=slow), replace(config.pace.fast, crouch=fast)
+    config = replace(config, pace=replace(config.pace, slow=strides[0], fast=strides[1]))
+    loads, limits = StepLoads(model, config), {}
+    for name, (forward, left, turn) in _WAYS.items():
+
+        def excess(speed: float, forward: float = forward, left: float = left, turn: float = turn) -> float:
+            return loads.excess((speed * forward, speed * left, speed * turn))[0]
+
+        most = float(getattr(config.velocity, name))
+        limits[name] = STANDSTILL if loads.weak else _largest(excess, most, STANDSTILL)
+    if loads.weak or any(foot.free[NORMAL] for foot in model.feet):
+        limits["turn"] = STANDSTILL
+    velocity = replace(config.velocity, **limits)
+    route = {name: min(getattr(config.route, name), getattr(velocity, name)) for name in ("forward", "lateral", "turn")}
+    return replace(config, velocity=velocity, route=replace(config.route, **route))
+
+
+def _largest(excess: Callable[[float], float], most: float, least: float) -> float:
+    """The largest value up to ``most`` whose ``excess`` is at most one; ``least`` if there is none."""
+    if excess(most) <= 1.0:
+        return most
+    low, high = least, most
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) <= 1.0 else (low, middle)
+    return low
+
+
+def torque_limits(model: RobotModel, config: GaitConfig) -> dict[str, str]:
+    """What limits the crouch and each velocity of a gait, by the name of the limit; without those that nothing does."""
+    loads, slow = StepLoads(model, config), pace_at(0.0, config.pace)
+    deeper = slow._replace(crouch=slow.crouch + _DEEPER)
+    tried = {"crouch": StepLoads(model, config, _CROUCH).excess(STILL, deeper)}
+    for name, (forward, left, turn) in _WAYS.items():
+        speed = _BEYOND * float(getattr(config.velocity, name))
+        tried[name] = loads.excess((speed * forward, speed * left, speed * turn))
+    found = {
+        name: f"joint '{model.joint_names[joint]}' of {model.tau_max[joint]:.3g} N.m"
+        for name, (excess, joint) in tried.items()
+        if excess > 1.0
+    }
+    if any(foot.free[NORMAL] for foot in model.feet):
+        found["turn"] = "the legs, which do not turn their soles about the vertical"
+    return found

@@ -1,0 +1,82 @@
+"""``poise bench robots``: which robots, how a refusal and a verdict are recorded, and the tables."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.core.benchmark import catalogue
+from benchmarks.core.harness import Options, Report
+from benchmarks.stability.robots import GENERATED, Robots, check, robot_files, rows, run_trial, trial_rows, write_robot
+from models.errors import ConfigError
+from models.urdf import data_folder
+
+BOLT = "bolt_description/robots/bolt.urdf"
+
+
+def test_the_files_are_those_of_the_installed_packages(tmp_path: Path) -> None:
+    files = robot_files()
+    assert files[BOLT] == data_folder() / "robots" / BOLT
+    assert all(path.is_file() for path in files.values())
+    assert write_robot(BOLT, tmp_path) == files[BOLT]
+    assert "<robot" in write_robot(f"{GENERATED}four-joint legs", tmp_path).read_text()
+
+
+def test_every_robot_is_checked_once_a_seed_and_the_long_runs_are_those_of_the_chosen() -> None:
+    cases = Robots("robots").cases(Options(seeds=2))
+    names = {case["robot"] for case in cases}
+    assert len(cases) == 2 * len(names) and BOLT in names and f"{GENERATED}one arm" in names
+    long = Robots("robots_trials").cases(Options(seeds=5))
+    assert len(long) == 2 * 25 and {case["robot"] for case in long} == {"g1", "talos"}
+    assert {case["trial"] for case in long} == {"stand", "motions", "forward", "sideways", "on the spot"}
+    with pytest.raises(ConfigError, match="unknown scenario 'nobody'"):
+        Robots("robots").cases(Options(scenarios=("nobody",)))
+
+
+def test_a_file_without_two_legs_is_refused_with_the_reason() -> None:
+    assert check(BOLT, 0)["refused"].startswith("no feet: the leg that ends at joint 'FL_KFE' has 3 joints")
+    case = run_trial(BOLT, "stand", 0)
+    assert not case["passed"] and "no feet" in case["reason"]
+
+
+def test_the_table_has_a_row_a_robot_and_the_refused_files() -> None:
+    trials = {
+        "stand": [True, "5 s: CoM drift 2.0 mm, slip 0.00 mm"],
+        "walk": [False, "fallen"],
+        "push": [True, "0.3 m/s from x, y"],
+    }
+    tried = {
+        "robot": "a/b/c.urdf",
+        "seed": 0,
+        "mass": 41.2,
+        "legs": 6,
+        "arms": 0,
+        "time": 21.4,
+        "limits": ["walk: fallen"],
+    }
+    refused = [{"robot": name, "seed": 0, "refused": f"no feet: joint '{name}'"} for name in ("bolt", "nut")]
+    lines = rows([tried | {"trials": trials}, *refused])
+    cells = [cell.strip() for cell in lines[2].strip("|").split("|")]
+    assert cells == [
+        *("`a/b/c.urdf`", "41 kg", "6 joints", "CoM drift 2.0 mm", "-", "no arm", "no", "0.3 m/s from x", "21 s"),
+        "walk: fallen",
+    ]
+    assert lines[-1] == "- no feet: joint ...: `bolt`, `nut`"
+
+
+def test_one_failed_run_of_twenty_five_is_allowed(tmp_path: Path) -> None:
+    bench = Robots("robots_trials")
+    cases = [{"robot": "g1", "trial": "stand", "seed": k, "passed": k > 0, "reason": "fell"} for k in range(25)]
+    figures = bench.figures(cases)
+    assert figures == {"robots": 1, "runs": 25, "passed": 24, "passed_share_min": 0.96}
+    report = Report(bench.name, "g1", 25, figures, cases, True, {})
+    assert bench.passed(report) and "fell" in bench.notes(report)[-1]
+    two = [case | {"passed": case["seed"] > 1} for case in cases]
+    assert not bench.passed(Report(bench.name, "g1", 25, bench.figures(two), two, True, {}))
+    assert trial_rows(cases)[2].startswith("| g1 | 24 of 25 |")
+    (file,) = bench.plots(report, tmp_path)
+    assert "24 of 25" in file.read_text()
+
+
+def test_both_modes_are_one_command() -> None:
+    modes = [each.info.mode for each in catalogue().values() if each.command == "robots"]
+    assert modes == ["check", "trials"]
