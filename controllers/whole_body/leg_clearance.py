@@ -1,5 +1,7 @@
 """Limit of the whole-body QP that keeps the legs from touching each other."""
 
+from operator import itemgetter
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -34,9 +36,9 @@ class LegClearanceLimit(AccelerationLimit):
     :math:`\ddot q` is left to the feedback. Pairs nearer than the gap in the 'stand' posture are not kept apart, as a
     hull is larger than its shape.
 
-    In a tick, or in every fourth while none is near, those three pairs are measured that may be nearest: since a pair
-    was measured, no point of a leg has moved by more than the sum of the changes of its joints times their distances
-    from it in the stretched leg.
+    In a tick, or in every fourth while none is near, the three pairs are measured that were nearest, and three others
+    that may be near by now: since a pair was measured, no point of a leg has moved by more than the sum of the changes
+    of its joints times their distances from it in the stretched leg.
     """
 
     def __init__(self, model: RobotModel, config: LegClearanceConfig) -> None:
@@ -87,21 +89,22 @@ class LegClearanceLimit(AccelerationLimit):
         if not len(near):
             return
         terms.place(self._geometry, self._data)
-        joints, row = terms.q[self._joints], 0
+        joints = terms.q[self._joints]
+        looked: list[tuple[float, int, coal.DistanceResult]] = []
         for k in near.tolist():
-            result, (left, right) = self._measure(self._pairs[k][0]), self._columns[k]
-            distances[k] = distance = result.min_distance
-            measured[k] = joints
-            if distance >= config.reach:
-                continue
+            result = self._measure(self._pairs[k][0])
+            distances[k], measured[k] = result.min_distance, joints
+            if distances[k] < config.reach:
+                looked.append((distances[k], k, result))
+        for row, (distance, k, result) in enumerate(sorted(looked, key=itemgetter(0))[:_ROWS]):
             first, second = result.getNearestPoint1(), result.getNearestPoint2()
             normal = (first - second) / distance if distance > 0.0 else -result.normal
             jacobian, out = terms.joint_jacobian, self.matrix[row]
-            rate = _distance_row(jacobian, terms.v, normal, first, second, left, right, out)
+            rate = _distance_row(jacobian, terms.v, normal, first, second, *self._columns[k], out)
             target = config.velocity_gain * (config.position_gain * (config.gap - distance) - rate)
             self.lower[row] = _SCALE * min(max(target, -config.acceleration), config.acceleration)
             out *= _SCALE
-            row, self._ticks_to_look = row + 1, 0
+            self._ticks_to_look = 0
 
     def _measure(self, pair: int) -> coal.DistanceResult:
         return pin.computeDistance(self._geometry, self._data, pair)
@@ -126,13 +129,19 @@ def _levers(robot: pin.Model, body: pin.GeometryObject) -> Array:
 
 @njit(cache=True)
 def _nearest(q: Array, joints: Index, measured: Array, distances: Array, levers: Array, reach: float) -> Index:
-    """Up to ``_ROWS`` pairs that may be within ``reach``, those first that may be nearest."""
-    least = distances.copy()
+    """Pairs within ``reach`` when they were measured, and others that may be by now: of both up to ``_ROWS``."""
+    least, chosen = distances.copy(), np.zeros(distances.shape[0], dtype=np.bool_)
     for pair in range(least.shape[0]):
         for i in range(joints.shape[0]):
             least[pair] -= levers[pair, i] * abs(q[joints[i]] - measured[pair, i])
-    pairs = np.argsort(least)[:_ROWS]
-    return pairs[least[pairs] < reach]
+    for pair in np.argsort(distances)[:_ROWS]:
+        chosen[pair] = distances[pair] < reach
+    left = _ROWS
+    for pair in np.argsort(least):
+        if left > 0 and least[pair] < reach and not chosen[pair]:
+            chosen[pair] = True
+            left -= 1
+    return np.flatnonzero(chosen)
 
 
 @njit(cache=True)

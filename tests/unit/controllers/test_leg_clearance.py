@@ -97,6 +97,25 @@ def test_a_row_is_the_derivative_of_a_distance(model: RobotModel, seed: int) -> 
     assert (limit.lower == -UNBOUNDED).all()
 
 
+def test_a_near_pair_has_its_row_in_every_tick_of_a_fast_motion(model: RobotModel) -> None:
+    """Even where any other pair may have come nearer since it was measured."""
+    legs, config = Legs(model), load_whole_body_config(model).limits.legs
+    limit, terms, state = LegClearanceLimit(model, config), Terms(model), with_legs_close(model, legs, 4)
+    terms.update(state)
+    for _ in range(4 * len(legs.kept)):
+        limit.bound(terms, some_reference(model, terms))
+    joints, near = [model.pin.idx_qs[joint] for leg in leg_chains(model) for joint in leg], 0
+    for tick in range(60):
+        q = state.q.copy()
+        q[joints] += 0.03 * np.sin(0.5 * tick + np.arange(len(joints)))
+        terms.update(replace(state, q=q))
+        limit.bound(terms, some_reference(model, terms))
+        if (nearest := legs.at(q)[legs.kept].min()) < 0.5 * config.reach:
+            near += 1
+            assert limit.lower[0] > -UNBOUNDED, (tick, nearest)
+    assert near > 20
+
+
 @pytest.mark.parametrize("enabled", [True, False])
 def test_a_foot_that_is_led_into_the_other_leg_stops_before_it(model: RobotModel, enabled: bool) -> None:
     legs, config = Legs(model), load_whole_body_config(model)
