@@ -223,7 +223,8 @@ class Robots(Benchmark):
             return figures | {"passed_share_min": min(float(np.mean(each)) for each in shares.values())}
         tried = [case for case in cases if "trials" in case]
         done = {name: sum(case["trials"].get(name, [False])[0] for case in tried) for name in _TRIALS}
-        return {"files": len(cases), "robots": len(tried)} | done | {"time_max_s": max(c["time"] for c in tried)}
+        share, slowest = done["walk"] / max(len(tried), 1), max((case["time"] for case in tried), default=0.0)
+        return {"files": len(cases), "robots": len(tried), **done, "walk_share": share, "time_max_s": slowest}
 
     def notes(self, report: Report) -> list[str]:
         """The runs that failed, or the table."""
