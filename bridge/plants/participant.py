@@ -1,6 +1,7 @@
 """A participant in a robot's DDS domain that is polled: a node without an executor, without parameters and logs."""
 
 import time
+from abc import abstractmethod
 from math import inf
 from typing import Any, NamedTuple
 
@@ -133,13 +134,13 @@ class ServiceLink(LowLink):
         self._changed = now
         return True
 
+    @abstractmethod
     def _ask(self) -> None:
         """Request the name of the active controller."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _name_in(self, response: Any) -> str | None:
         """Name of the active controller, empty for none, in the response to the last ``_ask``; None in another one."""
-        raise NotImplementedError
 
     def close(self) -> None:
         self._node.destroy_node()

@@ -70,22 +70,25 @@ def watch_friction(
     limits, rectangles, demands, places, velocities, coefficient = memory
     share = min(dt / limits.filter_time, 1.0)
     for foot in range(2):
-        square, pull, power = 0.0, 0.0, 0.0
+        square = 0.0
         for i in range(2):
             way = soles[foot, i] - places[foot, i] if math.isfinite(places[foot, i]) else 0.0
             places[foot, i] = soles[foot, i]
             velocities[foot, i] += share * (way / dt - velocities[foot, i])
             square += velocities[foot, i] ** 2
-            force = np.dot(rotations[foot, i], wrenches[foot, :3])
-            pull += force**2
-            power += force * velocities[foot, i]
         if wrenches[foot, 2] < limits.load or confidence[foot] < limits.flat:
             demands[foot] = -1.0
             continue
         demand = friction_demand(wrenches[foot], rectangles[foot])
         demands[foot] += (share if demands[foot] >= 0.0 else 1.0) * (demand - demands[foot])
         demand, slides = demands[foot], slipping[foot] > 0.0 and square > limits.speed**2
-        slides = slides and power < -limits.opposed * math.sqrt(pull * square)
+        if slides:
+            pull, power = 0.0, 0.0
+            for i in range(2):
+                force = np.dot(rotations[foot, i], wrenches[foot, :3])
+                pull += force**2
+                power += force * velocities[foot, i]
+            slides = power < -limits.opposed * math.sqrt(pull * square)
         if slides:
             coefficient[0] += min(dt / limits.slide_time, 1.0) * (demand - coefficient[0])
         elif slipping[foot] == 0.0 and demand > limits.held * coefficient[0]:

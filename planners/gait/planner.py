@@ -271,9 +271,10 @@ class GaitPlanner:
         gait.toe_off = self._footing.toe_off(1 - gait.stance, ahead, gait.pace.toe_off, elapsed, duration)
         bears = gait.measured.active
         dragged = bears[gait.stance] and not bears[1 - gait.stance]  # off the floor, by the body after a wide step
-        if self._far_off() and bears[0] and bears[1] and not gait.command.route.steps:
+        far_off = self._far_off()
+        if far_off and bears[0] and bears[1] and not gait.command.route.steps:
             self._choose_stance()
-        if elapsed >= duration or self._far_off() or dragged:
+        if elapsed >= duration or far_off or dragged:
             self._lift()
 
     def _in_finish(self) -> None:

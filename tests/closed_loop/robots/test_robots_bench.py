@@ -28,8 +28,8 @@ def test_every_robot_is_checked_once_a_seed_and_the_long_runs_are_those_of_the_c
     long = Robots("robots_trials").cases(Options(seeds=5))
     assert len(long) == 2 * 25 and {case["robot"] for case in long} == {"g1", "talos"}
     assert {case["trial"] for case in long} == {"stand", "motions", "forward", "sideways", "on the spot"}
-    with pytest.raises(ConfigError, match="unknown scenario 'nobody'"):
-        Robots("robots").cases(Options(scenarios=("nobody",)))
+    with pytest.raises(ConfigError, match="unknown scenario 'no_robot'"):
+        Robots("robots").cases(Options(scenarios=("no_robot",)))
 
 
 def test_a_file_without_two_legs_is_refused_with_the_reason() -> None:

@@ -25,10 +25,10 @@ pytestmark = pytest.mark.ros
 
 def test_a_reduced_motion_is_said_before_its_trajectory(bench: Any, tmp_path: Path) -> None:
     file = write_proposal(propose(Humanoid(arm=0.3).write(tmp_path)), tmp_path / "short.yaml")[0]
-    robot, heard = RobotModel.load(file), list[MotionStatus]()
+    robot, received = RobotModel.load(file), list[MotionStatus]()
     trajectories: list[JointTrajectory] = []
     bench.add(MotionPlannerNode, robot=str(file))
-    subscribe_status(bench.world, MotionStatus, topics.MOTION_STATUS, heard.append)
+    subscribe_status(bench.world, MotionStatus, topics.MOTION_STATUS, received.append)
     bench.world.create_subscription(JointTrajectory, topics.MOTION_TRAJECTORY, trajectories.append, EVENT)
     posture = bench.world.create_publisher(JointState, topics.POSTURE, SENSOR)
     request = bench.world.create_publisher(String, topics.MOTION_REQUEST, EVENT)
@@ -42,5 +42,5 @@ def test_a_reduced_motion_is_said_before_its_trajectory(bench: Any, tmp_path: Pa
         request.publish(String(data=motion))
         bench.wait(lambda count=count: len(trajectories) > count, 30.0)
     bench.spin(0.2)
-    assert [(status.state, status.request) for status in heard] == [(MotionState.REDUCED, "wave")]
-    assert "% of its size" in heard[0].reason
+    assert [(status.state, status.request) for status in received] == [(MotionState.REDUCED, "wave")]
+    assert "% of its size" in received[0].reason
