@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive, Share, default_config
+from models.config import STRICT, Fraction, NonNegative, Positive, Share, default_config
 from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
@@ -30,6 +30,7 @@ class JointMonitorConfig:
     grace: NonNegative  # time after a start without a judgement [s]
     delay: Positive  # longest delay of the commands that is measured [s]
     delay_window: Positive  # time constant of that measurement [s]
+    lookahead: Fraction  # share of the delay over which setpoints look ahead [-]
 
 
 class _Memory(NamedTuple):
@@ -97,8 +98,8 @@ class JointMonitor:
 
     @property
     def lookahead(self) -> float:
-        """Time from a sample to the one at which the law of its command is evaluated [s]."""
-        return 0.0 if self._memory.fit[0] else self.delay - self._period
+        """Time over which setpoints look ahead of a sample: a share of that until its command's law is evaluated [s]."""
+        return 0.0 if self._memory.fit[0] else self.config.lookahead * (self.delay - self._period)
 
     def reset(self) -> None:
         """Clear the fault; judge again after ``grace``."""

@@ -131,7 +131,7 @@ def test_a_torque_that_is_evaluated_at_the_sample_needs_no_look_ahead(g1: RobotM
         joints.monitor.step(measured, commands[-1])
     assert joints.monitor.fault == ""
     assert joints.monitor.delay == pytest.approx(0.001 * late_by)
-    assert joints.monitor.lookahead == pytest.approx(0.0 if at_sample else 0.001 * (late_by - 1))
+    assert joints.monitor.lookahead == pytest.approx(0.0 if at_sample else 0.0005 * (late_by - 1))
 
 
 def test_missing_samples_do_not_change_the_delay(g1: RobotModel) -> None:
