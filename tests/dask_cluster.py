@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-PATIENCE = 60.0
+TIMEOUT = 60.0
 """Longest wait for a process [s]."""
 
 
@@ -74,7 +74,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _said(file: Path, pattern: str) -> re.Match[str]:
-    give_up = time.monotonic() + PATIENCE
+    give_up = time.monotonic() + TIMEOUT
     while time.monotonic() < give_up:
         if found := re.search(pattern, file.read_text(errors="replace")):
             return found

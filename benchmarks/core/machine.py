@@ -10,10 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.core.provenance import usable_cores
+from models.errors import PoiseError
 
 #: Field of user time in ``/proc/PID/stat`` after the process' name, which may hold spaces; system time follows
 _UTIME = 11
 _TICK = 1.0 / os.sysconf("SC_CLK_TCK")  # length of the kernel's tick of these times [s]
+
+
+class Unavailable(PoiseError):
+    """This machine lacks what a case needs; such a case is reported as ``NOT_RUN``."""
 
 
 @dataclass(frozen=True, slots=True)

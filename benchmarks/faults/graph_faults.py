@@ -14,9 +14,10 @@ import numpy as np
 from benchmarks.core.executors import Clock, Done
 from benchmarks.core.fault_rows import FaultBenchmark
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, chosen, collect
+from benchmarks.core.machine import Unavailable
 from benchmarks.core.results import NOT_RUN
 from benchmarks.graph.graph_acts import ACTS
-from benchmarks.graph.graph_kinds import BACK_TIME, LOOK, GraphRow, GraphStage, Kind, Unavailable, config, graph_of
+from benchmarks.graph.graph_kinds import BACK_TIME, LOOK, GraphRow, GraphStage, Kind, config, graph_of
 from controllers.safety.supervisor import ACTIVE_MODES
 from models.errors import PoiseError
 from models.nodes import topics
@@ -37,7 +38,7 @@ class _Watch:
         stage, row = self._stage, self._row
         stage.begin(row)
         height, mode, pids = stage.height, stage.graph.mode, dict(stage.graph.pids)
-        stage.words.clear()
+        stage.messages.clear()
         self._before = len(stage.refusals), len(stage.silences), len(stage.made.lines)
         began = time.monotonic()
         for pause in ACTS[row.act](stage):
@@ -53,7 +54,7 @@ class _Watch:
         else:
             ok = ok and not fallen
         ok = ok and (not row.restarted or restarted == [row.restarted])
-        ok = ok and any(row.said in line for line in (*stage.made.lines[self._before[2] :], ""))
+        ok = ok and any(row.launcher_output in line for line in (*stage.made.lines[self._before[2] :], ""))
         silence = next(iter(stage.silences[self._before[1] :]), None)
         return {
             "silence": silence,
@@ -74,16 +75,16 @@ class _Watch:
             self._supervisor.add(self._stage.diagnostics.get("/supervisor", ""))
 
     def _received(self, topic: str) -> list[tuple[float, str]]:
-        return [(at, word) for at, of, word in self._stage.words if of == topic]
+        return [(at, text) for at, of, text in self._stage.messages if of == topic]
 
     def _rides(self, mode: str, began: float) -> tuple[bool, str, float | None]:
         modes, drivers = self._received(topics.MODE), self._received(topics.DRIVER_STATE)
-        words = [word for _, word in (*modes, *drivers)]
-        return not set(words) - {mode, topics.ACTIVE}, f"{mode}; received: {', '.join(words) or 'nothing else'}", None
+        texts = [text for _, text in (*modes, *drivers)]
+        return not set(texts) - {mode, topics.ACTIVE}, f"{mode}; received: {', '.join(texts) or 'nothing else'}", None
 
     def _stands(self, mode: str, began: float) -> tuple[bool, str, float | None]:
         stage = self._stage
-        damped = {word for _, word in self._received(topics.DRIVER_STATE)} - {topics.ACTIVE}
+        damped = {text for _, text in self._received(topics.DRIVER_STATE)} - {topics.ACTIVE}
         at = float("nan") if stage.still_since is None else max(stage.still_since - began, 0.0)
         seen = f"at rest in {stage.graph.mode}"
         if foot := self._foot_in_the_air():
@@ -93,16 +94,16 @@ class _Watch:
     def _foot_in_the_air(self) -> str:
         """Phase of the gait in which mode walk was left, if a foot was in the air then; empty if none was."""
         phase = ""
-        for _, topic, word in self._stage.words:
+        for _, topic, text in self._stage.messages:
             if topic == topics.GAIT_PHASE:
-                phase = word
-            elif topic == topics.MODE and word == "stand" and phase.startswith("single"):
+                phase = text
+            elif topic == topics.MODE and text == "stand" and phase.startswith("single"):
                 return phase
         return ""
 
     def _damps(self, mode: str, began: float) -> tuple[bool, str, float | None]:
         damped = {topics.MODE: "damp", topics.DRIVER_STATE: topics.DAMPED}
-        at = next((at - began for at, of, word in self._stage.words if damped.get(of) == word), float("nan"))
+        at = next((at - began for at, of, text in self._stage.messages if damped.get(of) == text), float("nan"))
         graph = self._stage.graph
         rests = graph.driver_state != topics.ACTIVE and graph.mode not in {active.value for active in ACTIVE_MODES}
         return rests, f"mode {graph.mode}, drivers {graph.driver_state}", at

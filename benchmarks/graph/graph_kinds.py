@@ -21,6 +21,7 @@ from std_msgs.msg import String
 
 from benchmarks.core.benchmark import settings
 from benchmarks.core.fault_rows import AnyRow
+from benchmarks.core.machine import Unavailable
 from bridge.launch.graph import Graph
 from bridge.record.observer import Observer
 from bridge.ros.environment import free_domain
@@ -48,7 +49,7 @@ class GraphRow(AnyRow):
     expect: Literal["rides", "stands", "damps"]
     graph: Kind = "plain"  #: Kind of graph; see ``benchmarks/graph/graph_kinds.py``
     restarted: str = ""  #: Module of the only process that must have been restarted; empty for none
-    said: str = ""  #: Text that the launcher must have printed
+    launcher_output: str = ""  #: Text that the launcher must have printed
     #: Longest time without a command before the drivers damped for lack of one, by their clock [s]
     silence: Positive | None = None
 
@@ -65,10 +66,6 @@ class GraphFaultsConfig:
 
 
 config = partial(settings, GraphFaultsConfig, "graph_faults")
-
-
-class Unavailable(PoiseError):
-    """This machine lacks what a graph needs."""
 
 
 class WallClock:
@@ -173,13 +170,13 @@ class User:
     def __init__(self, graph: Graph, topic: str = topics.CMD_VEL) -> None:
         self._publisher = graph.node.create_publisher(Twist, topic, COMMAND)
         self._velocity: float | None = None
-        graph.node.create_timer(VELOCITY_PERIOD, self._speak)
+        graph.node.create_timer(VELOCITY_PERIOD, self._publish)
 
     def walk(self, forward: float | None) -> None:
-        """Walk at a velocity from now on [m/s]; None: fall silent."""
+        """Walk at a velocity from now on [m/s]; None: publish nothing."""
         self._velocity = forward
 
-    def _speak(self) -> None:
+    def _publish(self) -> None:
         if self._velocity is not None:
             message = Twist()
             message.linear.x = self._velocity
@@ -192,7 +189,7 @@ class GraphStage:
     def __init__(self, model: RobotModel, made: TestedGraph) -> None:
         graph = made.graph
         self.made, self.graph, self.user = made, graph, User(graph)
-        self.words: list[tuple[float, str, str]] = []  #: Time, topic and text of each message
+        self.messages: list[tuple[float, str, str]] = []  #: Time, topic and text of each message
         self.diagnostics: dict[str, str] = {}  #: Newest message of each node's diagnostics
         self.refusals: list[str] = []  #: Refusals of the nodes
         self.silences: list[float] = []  #: Waits of the drivers for a command before they damped for lack of one [s]
@@ -205,7 +202,7 @@ class GraphStage:
         graph.node.create_timer(LOOK, self._look)  # the graph serves it while it restarts a process, too
         listen = graph.node.create_subscription
         for topic in (topics.MODE, topics.DRIVER_STATE, topics.GAIT_PHASE, topics.COMMANDER):
-            listen(String, topic, partial(self._hear, topic), LATCHED)
+            listen(String, topic, partial(self._on_text, topic), LATCHED)
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
 
     @property
@@ -257,8 +254,8 @@ class GraphStage:
         except PoiseError:
             return self.graph.call(service)
 
-    def _hear(self, topic: str, message: String) -> None:
-        self.words.append((time.monotonic(), topic, message.data))
+    def _on_text(self, topic: str, message: String) -> None:
+        self.messages.append((time.monotonic(), topic, message.data))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self.wall_lead = stamp_ns(message.header.stamp) / NANOSECONDS - time.time()

@@ -104,8 +104,8 @@ def companions(scenario: Scenario, domain_id: int, folder: Path) -> Iterator[dic
         yield {name: process.pid for name, process in started.items()}
         ended = [name for name, process in started.items() if process.poll() is not None]
         if ended:
-            said = (folder / "companions.log").read_text(encoding="utf-8", errors="replace")[-500:]
-            raise PoiseError(f"{', '.join(ended)} ended while the graph was measured: {said}")
+            output = (folder / "companions.log").read_text(encoding="utf-8", errors="replace")[-500:]
+            raise PoiseError(f"{', '.join(ended)} ended while the graph was measured: {output}")
     finally:
         for process in started.values():
             process.send_signal(signal.SIGINT)

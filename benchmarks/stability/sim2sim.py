@@ -52,6 +52,11 @@ class Sim2simConfig:
 _config = partial(settings, Sim2simConfig, "sim2sim")
 
 
+def conditions() -> dict[str, Condition]:
+    """Conditions by name."""
+    return _config().conditions
+
+
 class Trial:
     """The phases of a run: start, stand, motion, walk, stop. ``outcome`` holds what was measured so far."""
 

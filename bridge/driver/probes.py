@@ -130,6 +130,10 @@ def cost(ticks: int = 20_000) -> float:
     return (time.perf_counter() - begin) / ticks
 
 
+#: Keys of the diagnostics of ``AnswerTimes``: median, 99th percentile and maximum
+ANSWER_VALUES = {name: f"sample to command {name} [ms]" for name in ("p50", "p99", "max")}
+
+
 class AnswerTimes:
     """Time from the arrival of a sample of a real robot at the driver to the command computed from it, as it is sent.
 
@@ -155,9 +159,9 @@ class AnswerTimes:
             self._times.append(time.monotonic() - arrived)
 
     @property
-    def summary(self) -> str:
-        """Median, 99th percentile and maximum in milliseconds; empty before the first answer."""
+    def values(self) -> dict[str, str]:
+        """Figures of ``ANSWER_VALUES`` for the diagnostics; empty before the first answer."""
         if not self._times:
-            return ""
-        median, tail, largest = 1e3 * np.percentile(np.array(self._times), (50.0, 99.0, 100.0))
-        return f"{median:.1f}, p99 {tail:.1f}, max {largest:.1f}"
+            return {}
+        figures = 1e3 * np.percentile(np.array(self._times), (50.0, 99.0, 100.0))
+        return {key: f"{value:.1f}" for key, value in zip(ANSWER_VALUES.values(), figures, strict=True)}

@@ -312,8 +312,7 @@ class RobotDriver(PoiseNode):
         if self._start is not None:
             self.level, message = self._start.diagnose()
             self.message = f"{self.message}; {message}"
-            self.values |= self._start.values
-            self.values["sample to command [ms]"] = self._answers.summary
+            self.values |= self._start.values | self._answers.values
         if self._simulated is not None:
             self.values["faults injected"] = self._simulated.plant.faults.summary
 

@@ -5,7 +5,7 @@
 ``sdk`` is the package ``far-booster-sdk``: Booster's C++ SDK with its own Fast DDS publishes LowState and receives
 LowCmd. It offers no server of the service LocoApi and no remote controller, and its Fast DDS and that of rclpy do not
 work in one process: ``tests/booster/service.py`` makes these, for both sides. OPTIONS are those of the plant. Lines on
-the standard input are calls, as for ``tests/unitree/process.py``.
+the standard input are calls, as for ``benchmarks/graph/unitree_side.py``.
 """
 
 import os
@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.graph.unitree_side import Program, TimedSide
 from bridge.launch.robot_network import interface_address
 from bridge.plants.booster.codec import low_cmd, low_state, pack, unpack
 from bridge.plants.booster.simulated import BoosterRobot
 from bridge.plants.config import read_options
-from tests.unitree.process import Program, TimedSide
 
 
 class RosSide(TimedSide):

@@ -1,54 +1,13 @@
-"""Two machines with one cable: network namespaces and a pair of virtual interfaces, gone with their processes."""
+"""Tests on machines with cables between them, skipped where network namespaces are not permitted."""
 
-import json
-import os
-import subprocess
-import sys
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from functools import cache
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-HERE, THERE = "10.213.0.1", "10.213.0.2"
-"""Addresses of two machines on their cable."""
-
-FIRST, SECOND = "10.213.1.2", "10.213.2.2"
-"""Addresses of two machines on either side of a router."""
-
-
-@cache
-def isolation() -> tuple[str, ...] | str:
-    """Command that gives a program a network namespace, or why that is not permitted here."""
-    why = ""
-    for command in (("unshare", "--net"), ("unshare", "--user", "--map-root-user", "--net")):
-        cable = "ip link set lo up && ip link add t0 type veth peer name t1"
-        trial = f"{cable} && unshare --net --mount mount -t tmpfs tmpfs /dev/shm"
-        try:
-            done = subprocess.run(
-                [*command, "sh", "-c", trial], capture_output=True, text=True, timeout=20, check=False
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            return f"no network namespaces here: {error}"
-        if done.returncode == 0:
-            return command
-        why = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit code {done.returncode}"
-    return f"no network namespaces here: {why}"
-
-
-def plain_environment(root: Path, folder: Path) -> dict[str, str]:
-    """This process's environment without any setting of ROS, for programs of a test.
-
-    Args:
-        root: Of the checkout, on the path of Python.
-        folder: Of the test, for logs.
-    """
-    plain = {name: value for name, value in os.environ.items() if not name.startswith(("ROS_", "FAST"))}
-    path = os.pathsep.join(filter(None, (str(root), os.environ.get("PYTHONPATH"))))
-    return plain | {"PYTHONPATH": path, "ROS_DOMAIN_ID": "7", "ROS_LOG_DIR": str(folder / "log")}
+from benchmarks.core.cable import isolation, plain_environment, run_program
+from benchmarks.core.machine import Unavailable
 
 
 def staged(
@@ -64,85 +23,13 @@ def staged(
         timeout: For the whole stage [s].
 
     Returns:
-        What the JSON says.
+        The value of the JSON.
     """
-    command = isolation()
-    if isinstance(command, str):
-        pytest.skip(command)
+    try:
+        command = isolation()
+    except Unavailable as error:
+        pytest.skip(str(error))
     for name, text in scripts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    done = subprocess.run(
-        [*command, sys.executable, "stage.py", *arguments],
-        cwd=folder, env=plain_environment(root, folder), capture_output=True, text=True, timeout=timeout, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.strip().splitlines()[-1])
-
-
-@contextmanager
-def two_machines() -> Iterator[tuple[str, ...]]:
-    """Within a program of ``isolation``: a second machine beside this one, with a cable between them.
-
-    Yields:
-        Command that runs a program on the second machine.
-    """
-    with _machine() as there:
-        _lay("cable", HERE, THERE, there)
-        yield there
-
-
-@contextmanager
-def routed_machines() -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Within a program of ``isolation``, which becomes a router: two machines in networks of their own.
-
-    A router carries no multicast from one network to another.
-
-    Yields:
-        Commands that run a program on the first and on the second machine.
-    """
-    with _machine() as first, _machine() as second:
-        for name, address, machine in (("left", FIRST, first), ("right", SECOND, second)):
-            router = f"{address.rpartition('.')[0]}.1"
-            _lay(name, router, address, machine)
-            _ip("route", "add", "default", "via", router, inside=machine)
-        Path("/proc/sys/net/ipv4/ip_forward").write_text("1", encoding="ascii")
-        yield first, second
-
-
-@contextmanager
-def _machine() -> Iterator[tuple[str, ...]]:
-    """A network namespace, for as long as the context lasts; the command that runs a program in it."""
-    own_memory = "mount -t tmpfs tmpfs /dev/shm && echo && exec sleep 120"  # or two would open the same ports in it
-    sleeper = subprocess.Popen(["unshare", "--net", "--mount", "sh", "-c", own_memory], stdout=subprocess.PIPE)
-    assert sleeper.stdout is not None
-    sleeper.stdout.readline()  # it has its namespaces
-    try:
-        yield ("nsenter", f"--target={sleeper.pid}", "--net", "--mount", f"--wd={os.getcwd()}")
-    finally:
-        sleeper.kill()
-        sleeper.wait()
-
-
-def _lay(name: str, address: str, other: str, there: Sequence[str]) -> None:
-    """A cable from this machine to another, of networks of 256 addresses."""
-    namespace = next(word for word in there if word.startswith("--target=")).removeprefix("--target=")
-    _ip("link", "add", f"{name}0", "type", "veth", "peer", "name", f"{name}1", "netns", namespace)
-    for end, own, inside in ((f"{name}0", address, ()), (f"{name}1", other, there)):
-        _ip("link", "set", "lo", "up", inside=inside)
-        _ip("address", "add", f"{own}/24", "dev", end, inside=inside)
-        _ip("link", "set", end, "up", inside=inside)
-    _plugged(f"{name}0")
-    _plugged(f"{name}1", inside=there)
-
-
-def _ip(*words: str, inside: Sequence[str] = ()) -> str:
-    return subprocess.run([*inside, "ip", *words], check=True, stdout=subprocess.PIPE, text=True).stdout
-
-
-def _plugged(end: str, inside: Sequence[str] = ()) -> None:
-    """The kernel calls an end up as much as a second late, and a participant never uses one that was not up before."""
-    give_up = time.monotonic() + 20.0
-    while " UP " not in _ip("-brief", "link", "show", end, inside=inside):
-        if time.monotonic() > give_up:
-            sys.exit(f"{end} does not come up")
-        time.sleep(0.01)
+    environment = plain_environment(root, folder)
+    return run_program(["stage.py", *arguments], folder, environment, timeout=timeout, command=command)

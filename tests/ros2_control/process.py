@@ -2,7 +2,7 @@
 
     python -m tests.ros2_control.process rclpy INTERFACE DOMAIN ROBOT OPTIONS [SPEED]
 
-OPTIONS are those of the plant. Lines on the standard input are calls, as for ``tests/unitree/process.py``.
+OPTIONS are those of the plant. Lines on the standard input are calls, as for ``benchmarks/graph/unitree_side.py``.
 """
 
 import sys
@@ -11,6 +11,7 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
+from benchmarks.graph.unitree_side import Program, TimedSide
 from bridge.launch.hardware import PROFILES
 from bridge.plants.config import read_options
 from bridge.plants.participant import ignore, join, take_all
@@ -19,7 +20,6 @@ from bridge.plants.ros2_control.config import COMMAND, STATE
 from bridge.plants.ros2_control.link import TYPES
 from bridge.plants.ros2_control.simulated import ControlledRobot
 from models.nodes.interfaces import interface
-from tests.unitree.process import Program, TimedSide
 
 
 class ControlSide(TimedSide):

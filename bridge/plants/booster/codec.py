@@ -55,6 +55,7 @@ class BoosterConfig:
     imu_window: Positive
     mode_period: Positive
     remote_age_max: Positive
+    remote_event_age_max: Positive
     finish_time: Positive
     joints: Annotated[tuple[str, ...], Field(min_length=_MARKS)]
 
@@ -117,26 +118,28 @@ def unpack(name: str, data: bytes, layout: np.dtype[Any]) -> Any:
 class RemoteController:
     """Whether the remote controller of the robot is connected, from its RemoteControllerStates.
 
-    It sends its events, or a state periodically: then two messages in succession are the same, and after the second one
-    a silence of ``age_max`` [s] is a lost connection.
+    It sends its state periodically, so that two messages in succession are the same, or its events alone. A silence of
+    ``age_max`` [s] is a lost connection in the first case. In the second one nothing in the protocol tells a lost
+    connection from buttons that are not pressed, so the operator has to use one every ``event_age_max`` [s].
     """
 
-    def __init__(self, age_max: float) -> None:
-        self._age_max = age_max
+    def __init__(self, age_max: float, event_age_max: float) -> None:
+        self._age_max, self._event_age_max = age_max, event_age_max
         self._data = b""  # newest message
         self._periodic = False
-        self._age = 0.0  # of that message [s]
+        self.age = 0.0  #: Of that message [s]
+        self.served = True  #: Whether a program of the robot publishes the messages
         self._removed = False
 
     def step(self, dt: float) -> None:
         """Advance by a time without a message [s]."""
-        self._age += dt
+        self.age += dt
 
     def receive(self, data: bytes) -> frozenset[str]:
         """Buttons that are pressed in a serialised RemoteControllerState; ``MessageError`` for a wrong size."""
         record = unpack("remote_controller_state", data, REMOTE)
         self._periodic |= data == self._data
-        self._data, self._age, self._removed = data, 0.0, bool(record["event"] == REMOVED)
+        self._data, self.age, self._removed = data, 0.0, bool(record["event"] == REMOVED)
         return frozenset(name for name, value in zip(BUTTONS, record["buttons"], strict=True) if value)
 
     @property
@@ -146,8 +149,10 @@ class RemoteController:
             why = "no remote_controller_state yet"
         elif self._removed:
             why = "the remote controller is disconnected"
-        elif self._periodic and self._age > self._age_max:
-            why = f"no remote_controller_state for more than {self._age_max:g} s"
+        elif not self.served:
+            why = "the robot's program for the remote controller has ended"
+        elif self.age > (limit := self._age_max if self._periodic else self._event_age_max):
+            why = f"no remote_controller_state for more than {limit:g} s"
         else:
             return ""
         return f"{why}, so its stop button is without effect: switch it on and press a button"

@@ -21,6 +21,10 @@ CHANGE_MODE, GET_MODE = 2000, 2017  #: Functions of the service
 class BoosterLink(LowLink, Protocol):
     """Messages of one robot: ``Stamped``. ``vendor`` names its mode, empty for ``CUSTOM``."""
 
+    @property
+    def remote_served(self) -> bool:
+        """Whether a program of the robot publishes the states of its remote controller."""
+
     def damp(self) -> None:
         """Request the robot's own damping."""
 
@@ -43,6 +47,10 @@ class DdsBoosterLink(ServiceLink, BoosterLink):
     def take(self) -> list[Stamped]:
         remotes = [Stamped(False, data) for data in take_all(self._remotes)]
         return [*remotes, *(Stamped(True, *each) for each in take_stamped(self._states))]
+
+    @property
+    def remote_served(self) -> bool:
+        return bool(self._remotes.get_publisher_count())
 
     def release(self) -> None:
         self._change(CUSTOM)

@@ -1,6 +1,7 @@
 """A Booster humanoid by its low-level protocol: the robot as the driver program sees it."""
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,7 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
         super().__init__(model, "booster", (network_interface, domain), marker, 1.0 / config.rate, clock, BUTTONS)
         self._codec = BoosterCodec(model, config, clock, self._session)
         self._imu_error = np.zeros(3)  # mean of the accelerometer without gravity [m/s^2]
-        self._remote = RemoteController(config.remote_age_max)
+        self._remote = RemoteController(config.remote_age_max, config.remote_event_age_max)
         self._end_warning = ""
         self._link = DdsBoosterLink(domain, config.mode_period) if link is None else link
 
@@ -66,6 +67,7 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
     def _accept(self, sample: BoosterSample) -> None:
         super()._accept(sample)
         self._remote.step(self._period)
+        self._remote.served = self._link.remote_served
         roll, pitch, _ = sample.rpy
         up = np.array([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
         share = min(self._period / self._config.imu_window, 1.0)
@@ -95,6 +97,11 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
 
     def _decode_command(self, data: bytes) -> JointCommand:
         return self._codec.decode_command(data)
+
+    @property
+    def report(self) -> Mapping[str, str]:
+        """Values of the monitors, counts of states, and the age of the newest message of the remote controller."""
+        return {**super().report, "remote controller silent for [s]": f"{self._remote.age:.1f}"}
 
     @property
     def end_warning(self) -> str:

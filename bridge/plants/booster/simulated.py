@@ -111,6 +111,7 @@ class DirectBoosterLink(StepLink):
     """A robot in the same process, as ``BoosterLink`` of the plant."""
 
     robot: BoosterRobot
+    remote_served = True  #: Whether a program of the robot publishes the states of its remote controller
 
     def vendor(self) -> str | None:
         """Name of the robot's mode, empty for ``custom``; None when the robot does not answer."""

@@ -133,6 +133,8 @@ def test_a_lost_remote_controller_holds_the_robot(standing: BoosterLoop) -> None
         (lambda: setattr(standing.link, "states_pass", lambda message: message if message.state else None),
          lambda: setattr(standing.link, "states_pass", pass_all), "no remote_controller_state for more than 1 s"),
         (lambda: setattr(side, "remote_event", REMOVED), lambda: setattr(side, "remote_event", 0), "is disconnected"),
+        (lambda: setattr(standing.link, "remote_served", False), lambda: setattr(standing.link, "remote_served", True),
+         "program for the remote controller has ended"),
     ):  # fmt: skip
         lose()
         standing.until(lambda: bool(plant.holds), 1.1)
@@ -143,16 +145,19 @@ def test_a_lost_remote_controller_holds_the_robot(standing: BoosterLoop) -> None
         assert not plant.holds and not standing.failure
 
 
-def test_a_remote_controller_that_sends_events_alone_may_be_silent() -> None:
-    remote, record = RemoteController(1.0), np.zeros(1, REMOTE)[0]
+def test_a_remote_controller_that_sends_events_alone_may_be_silent_for_longer() -> None:
+    """Not for ever: it may have been lost, and only a button shows that it is not."""
+    remote, record = RemoteController(1.0, 60.0), np.zeros(1, REMOTE)[0]
     for event in (0x603, 0x604):
         record["event"], record["buttons"][1] = event, event == 0x603
         assert remote.receive(pack(record)) == ({"b"} if event == 0x603 else set())
-        remote.step(5.0)
+        remote.step(59.0)
         assert not remote.fault
+        remote.step(2.0)
+        assert "no remote_controller_state for more than 60 s" in remote.fault
     remote.receive(pack(record))
     remote.step(5.0)
-    assert "no remote_controller_state" in remote.fault
+    assert "no remote_controller_state for more than 1 s" in remote.fault  # it repeats its state
 
 
 def test_a_robot_that_is_lowered_sinks_and_ends_in_its_own_damping(standing: BoosterLoop) -> None:

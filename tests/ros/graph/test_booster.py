@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.graph.robot_session import HardwareSession, RobotProcess
+from bridge.driver.probes import ANSWER_VALUES
 from bridge.plants.booster.codec import CUSTOM, DAMPING, PREPARE
 from bridge.ros.environment import free_domain
 from models.errors import MessageError
 from models.nodes.interfaces import interface
 from tests.booster.robot import write_profiles
-from tests.unitree.session import RobotProcess, Session
 
 pytestmark = [pytest.mark.ros, pytest.mark.graph, pytest.mark.slow]
 OPTIONS = "{clock: count}"  # the robot's time is slower than that of this machine
@@ -44,8 +45,8 @@ def test_it_stands_and_walks_against_a_robot_in_another_process(tmp_path: Path, 
     given = {"STAND": "4", "WALK": "5", "SPEED": "0.5"}
     stand, walk, speed = (float(os.environ.get(f"POISE_BOOSTER_{name}", usual)) for name, usual in given.items())
     _, laws = write_profiles(tmp_path)
-    with Session(
-        side, tmp_path, graph_domain=free_domain(), robot_domain=free_domain(), rate=None, speed=speed,
+    with HardwareSession(
+        side, tmp_path, laws, OPTIONS, speed, graph_domain=free_domain(), robot_domain=free_domain(), rate=None,
         plant="booster", robot=str(laws), plant_options=OPTIONS, module="tests.booster.process",
     ) as session:  # fmt: skip
         assert session.robot("mode") == PREPARE
@@ -66,7 +67,7 @@ def test_it_stands_and_walks_against_a_robot_in_another_process(tmp_path: Path, 
         report, reached = session.robot("report"), session.odometry
         walked, error = np.subtract(report["base"], before["base"]), np.subtract(reached, odometry)
         print(json.dumps({"drift": drift.tolist(), "walked": walked.tolist(), "odometry": error.tolist(), **report}))
-        print("sample to command [ms]", session.value("sample to command [ms]"))
+        print({key: session.value(key) for key in ANSWER_VALUES.values()})
         assert walked[0] > 0.2 * walk and np.abs(error - walked[:2]).max() < 0.05
         session.graph.stop()
         assert session.robot("mode") == DAMPING and set(session.graph.exit_codes.values()) == {0}

@@ -49,7 +49,7 @@ join_graph(network=True)
 import rclpy
 from std_msgs.msg import String
 
-patience = float(sys.argv[1])
+timeout = float(sys.argv[1])
 rclpy.init()
 node = rclpy.create_node("operator")
 robots = ("robot_1", "robot_2")
@@ -58,21 +58,21 @@ commands = {}
 for name in robots:
     node.create_subscription(String, f"/{name}/chatter", lambda m, n=name: received[n].update(m.data.split()), 10)
     commands[name] = node.create_publisher(String, f"/{name}/humanoid_commands", 10)
-end = time.monotonic() + patience
+end = time.monotonic() + timeout
 while time.monotonic() < end and not all(f"wave_{name}" in received[name] for name in robots):
     for name, command in commands.items():
         command.publish(String(data=f"wave_{name}"))
     rclpy.spin_once(node, timeout_sec=0.05)
-print(json.dumps({name: sorted(words) for name, words in received.items()}))
+print(json.dumps({name: sorted(texts) for name, texts in received.items()}))
 '''
 
 STAGE = '''
 """A robot on each of two machines, an operator on the second, on the first a discovery server if one is named."""
 import os, subprocess, sys
 
-from tests.ros.cable import FIRST, routed_machines
+from benchmarks.core.cable import FIRST, routed_machines
 
-server, patience = sys.argv[1:]
+server, timeout = sys.argv[1:]
 python = (sys.executable, "-u")
 environment = dict(os.environ)
 started = []
@@ -88,7 +88,7 @@ with routed_machines() as (first, second):
             environment["ROS_DISCOVERY_SERVER"] = f"{FIRST}:11811"
         start(*first, *python, "robot.py", "robot_1", env=environment)
         start(*second, *python, "robot.py", "robot_2", env=environment)
-        operator = [*second, *python, "operator_.py", patience]
+        operator = [*second, *python, "operator_.py", timeout]
         print(subprocess.run(operator, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout)
     finally:
         for process in reversed(started):
@@ -97,11 +97,11 @@ with routed_machines() as (first, second):
 '''
 
 
-def received(server: str, patience: float, folder: Path, root: Path) -> Any:
+def received(server: str, timeout: float, folder: Path, root: Path) -> Any:
     """What the operator has received from each robot."""
     # operator.py is the name of a module of Python, and the folder comes first on its path.
     scripts = {"robot.py": ROBOT, "operator_.py": OPERATOR, "stage.py": STAGE}
-    return staged(scripts, [server, str(patience)], folder, root)
+    return staged(scripts, [server, str(timeout)], folder, root)
 
 
 def test_a_discovery_server_joins_robots_of_two_machines(tmp_path: Path, root: Path) -> None:

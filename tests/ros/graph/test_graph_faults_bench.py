@@ -11,29 +11,30 @@ import pytest
 
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Case, Options, Sweep
+from benchmarks.core.machine import Unavailable
 from benchmarks.core.results import ResultsFile
 from benchmarks.faults import graph_faults
 from benchmarks.graph.graph_acts import ACTS
-from benchmarks.graph.graph_kinds import GraphRow, Unavailable, config
+from benchmarks.graph.graph_kinds import GraphRow, config
 from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 
 pytestmark = pytest.mark.ros
 
-Word = tuple[str, str]
+Text = tuple[str, str]
 
 NAMES = {topics.MODE: "mode", topics.DRIVER_STATE: "driver_state"}
 
-DAMPED: list[Word] = [(topics.DRIVER_STATE, topics.DAMPED), (topics.MODE, "damp")]
+DAMPED: list[Text] = [(topics.DRIVER_STATE, topics.DAMPED), (topics.MODE, "damp")]
 
 BENCH = catalogue()["graph_faults"].load()
 
 
 class FakeStage:
-    """A robot of which the given words are received after the act."""
+    """A robot of which the given texts are received after the act."""
 
-    def __init__(self, words: list[Word], *, rest: bool = True, height: float = 0.8, restarted: bool = False) -> None:
-        self.words: list[tuple[float, str, str]] = []
+    def __init__(self, texts: list[Text], *, rest: bool = True, height: float = 0.8, restarted: bool = False) -> None:
+        self.messages: list[tuple[float, str, str]] = []
         self.diagnostics = {"/supervisor": "mode 'stand'"}
         self.refusals: list[str] = []
         self.silences: list[float] = []
@@ -41,18 +42,18 @@ class FakeStage:
         self.still_since: float | None = None
         self.height = 0.8
         self.graph = SimpleNamespace(mode="stand", driver_state=topics.ACTIVE, pids={"a": 1, "b": 2}, spin=time.sleep)
-        self._after = words, rest, height, restarted
+        self._after = texts, rest, height, restarted
 
     def begin(self, row: GraphRow) -> None:
         """It stands."""
 
     def act(self, stage: Any) -> Iterator[float]:
         """What follows happens at once."""
-        words, rest, self.height, restarted = self._after
-        for topic, word in words:
-            self.words.append((time.monotonic(), topic, word))
+        texts, rest, self.height, restarted = self._after
+        for topic, text in texts:
+            self.messages.append((time.monotonic(), topic, text))
             if topic in NAMES:
-                setattr(self.graph, NAMES[topic], word)
+                setattr(self.graph, NAMES[topic], text)
         self.still_since = time.monotonic() if rest else None
         self.graph.pids = {"a": 1, "b": 3 if restarted else 2}
         self.refusals.append("joint_states: 'knee' is missing")

@@ -27,30 +27,30 @@ rclpy.init()
 node = rclpy.create_node("inside")
 received = set()
 node.create_subscription(String, "humanoid_commands", lambda message: received.add(message.data), 10)
-said = node.create_publisher(String, "chatter", 10)
+publisher = node.create_publisher(String, "chatter", 10)
 with open("/proc/self/net/udp") as table:
     addresses = sorted({line.split()[1].split(":")[0] for line in list(table)[1:]})
 print(" ".join(addresses), flush=True)
 end = time.monotonic() + 60.0
 while time.monotonic() < end:
-    said.publish(String(data=" ".join(["up", *sorted(received)])))
+    publisher.publish(String(data=" ".join(["up", *sorted(received)])))
     rclpy.spin_once(node, timeout_sec=0.05)
 '''
 
 VISITOR = '''
-"""A plain rclpy process: commands, and prints what it has received by the time it is answered, or in vain."""
+"""A plain rclpy process: commands, and prints what it has received when it is answered, or after a timeout [s]."""
 import sys, time
 
 import rclpy
 from std_msgs.msg import String
 
-name, patience = sys.argv[1], float(sys.argv[2])
+name, timeout = sys.argv[1], float(sys.argv[2])
 rclpy.init()
 node = rclpy.create_node(name)
 received = set()
 node.create_subscription(String, "chatter", lambda message: received.update(message.data.split()), 10)
 command = node.create_publisher(String, "humanoid_commands", 10)
-end = time.monotonic() + patience
+end = time.monotonic() + timeout
 while time.monotonic() < end and name not in received:
     command.publish(String(data=name))
     rclpy.spin_once(node, timeout_sec=0.05)
@@ -61,9 +61,9 @@ STAGE = '''
 """Two machines with one cable, in the first a graph and a visitor, in the second another visitor."""
 import json, os, subprocess, sys
 
-from tests.ros.cable import HERE, two_machines
+from benchmarks.core.cable import HERE, two_machines
 
-reach, patience = sys.argv[1:]
+reach, timeout = sys.argv[1:]
 python = (sys.executable, "-u")
 node = None
 with two_machines() as there:
@@ -71,9 +71,9 @@ with two_machines() as there:
         node = subprocess.Popen([*python, "node.py", reach], stdout=subprocess.PIPE, text=True)
         addresses = node.stdout.readline().split()
         plain = {name: value for name, value in os.environ.items() if name != "FASTRTPS_DEFAULT_PROFILES_FILE"}
-        knowing = {**plain, "ROS_STATIC_PEERS": HERE}  # it need not even search
+        peers = {**plain, "ROS_STATIC_PEERS": HERE}  # it need not even search
         visit, pipes = [*python, "visitor.py"], {"stdout": subprocess.PIPE, "text": True}
-        far = subprocess.Popen([*there, *visit, "far", patience], env=knowing, **pipes)
+        far = subprocess.Popen([*there, *visit, "far", timeout], env=peers, **pipes)
         near = subprocess.Popen([*visit, "near", "30"], env=plain, **pipes)
         result = {"near": near.communicate()[0].split(), "far": far.communicate()[0].split()}
         result["exits"] = [near.returncode, far.returncode]  # one that has crashed has received nothing either
@@ -88,10 +88,10 @@ print(json.dumps(result))
 '''
 
 
-def reached(reach: str, patience: float, folder: Path, root: Path) -> Any:
+def reached(reach: str, timeout: float, folder: Path, root: Path) -> Any:
     """What ``STAGE`` prints for a graph of this reach."""
     scripts = {"node.py": NODE, "visitor.py": VISITOR, "stage.py": STAGE}
-    return staged(scripts, [reach, str(patience)], folder, root)
+    return staged(scripts, [reach, str(timeout)], folder, root)
 
 
 LOOPBACK = "0100007F"

@@ -13,16 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.graph.robot_session import HardwareSession
+from bridge.driver.probes import ANSWER_VALUES
 from bridge.ros.environment import free_domain
 from models.errors import MessageError
 from models.nodes.interfaces import interface
-from tests.unitree.session import Session
 
 pytestmark = [pytest.mark.ros, pytest.mark.graph, pytest.mark.slow]
 
 
 @contextmanager
-def session_of(folder: Path, robot: str, options: str, speed: float) -> Iterator[Session]:
+def session_of(folder: Path, robot: str, options: str, speed: float) -> Iterator[HardwareSession]:
     """A robot and its graph; skipped where the types are not built."""
     try:
         interface("controller_manager_msgs", "srv", "ListControllers")
@@ -30,8 +31,8 @@ def session_of(folder: Path, robot: str, options: str, speed: float) -> Iterator
         interface("linear_feedback_controller_msgs", "msg", "Control")
     except MessageError as error:
         pytest.skip(str(error))
-    with Session(
-        "rclpy", folder, graph_domain=free_domain(), robot_domain=free_domain(), rate=None, speed=speed,
+    with HardwareSession(
+        "rclpy", folder, robot, options, speed, graph_domain=free_domain(), robot_domain=free_domain(), rate=None,
         plant="ros2_control", robot=robot, plant_options=options, module="tests.ros2_control.process",
     ) as session:  # fmt: skip
         yield session
@@ -64,8 +65,8 @@ def test_it_stands_waves_and_walks(tmp_path: Path, robot: str, command: str, vel
         walked = float(np.linalg.norm(np.subtract(after["base"], before["base"])[:2]))
         counted = float(np.linalg.norm(np.subtract(reached, odometry)))
         print(json.dumps({
-            "walked": walked, "odometry": counted, "sample to command [ms]": session.value("sample to command [ms]"),
-            "robot": after,
+            "walked": walked, "odometry": counted, "robot": after,
+            **{key: session.value(key) for key in ANSWER_VALUES.values()},
         }))  # fmt: skip
         assert session.graph.standing
         assert walked > 0.6 * velocity * walk and abs(counted - walked) < 0.05 + 0.01 * walked
@@ -77,8 +78,7 @@ def test_the_guard_damps_for_a_killed_driver_and_an_inactive_controller_is_named
         graph = session.graph
         session.robot("controller", "imu_sensor_broadcaster", "inactive")
         graph.wait_for(lambda: graph.driver_state == "damped", 20.0, "damped")
-        assert session.start is not None
-        graph.wait_for(lambda: "imu_sensor_broadcaster" in (session.start.waits_for if session.start else ""), 10.0, "")
+        session.wait_for(lambda: "imu_sensor_broadcaster" in session.waits_for, "reported")
         session.robot("controller", "imu_sensor_broadcaster", "active")
         received = session.robot("report")["received"]
         os.kill(graph.pids["bridge.nodes.robot_driver"], signal.SIGKILL)

@@ -7,7 +7,18 @@ import pytest
 
 from benchmarks.core.timed_run import spread
 from benchmarks.speed.latency import STAGES, answered, split, tails
-from bridge.driver.probes import COMMANDED, LEFT, PLANNED, RIGHT, SOLVED, LatencyProbe, StageProbe, cost
+from bridge.driver.probes import (
+    ANSWER_VALUES,
+    COMMANDED,
+    LEFT,
+    PLANNED,
+    RIGHT,
+    SOLVED,
+    AnswerTimes,
+    LatencyProbe,
+    StageProbe,
+    cost,
+)
 
 MS, US = 1_000_000, 1_000
 PARTS = np.array([100, 60, 90, 5, 80, 40, 70, 30])
@@ -129,3 +140,19 @@ def test_the_arrival_of_a_command_that_is_refused_is_no_arrival() -> None:
     probe.receive(1)
     found = probe.rows()
     assert found["published"][1] <= found["sent"][1] <= found["arrived"][1] <= found["received"][1]
+
+
+def test_answers_count_once_from_the_arrival_of_their_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = iter([0.0, 0.002, 0.0045, 0.0065])
+    monkeypatch.setattr("bridge.driver.probes.time.monotonic", lambda: next(now))
+    times = AnswerTimes()
+    assert times.values == {}
+    times.arrive(1)
+    times.arrive(2)
+    times.send(1)  # after 4.5 ms
+    times.send(1)  # repeated
+    times.send(3)  # of a sample that it has not seen
+    times.send(2)  # older than the last
+    times.arrive(4)
+    assert list(times.values) == list(ANSWER_VALUES.values())
+    assert set(times.values.values()) == {"4.5"}

@@ -16,7 +16,7 @@ from benchmarks.core.executors import InProcess
 from benchmarks.core.harness import Case, Options, Sweep, make_executor, run_cases
 from benchmarks.core.results import ResultsFile, read_lines
 from models.errors import WorkersError
-from tests.dask_cluster import PATIENCE, Cluster
+from tests.dask_cluster import TIMEOUT, Cluster
 from tests.ros.cable import staged
 from tests.sweep_cases import slow_square, square
 
@@ -30,10 +30,10 @@ import json
 from contextlib import ExitStack
 from pathlib import Path
 
+from benchmarks.core.cable import HERE, two_machines
 from benchmarks.core.harness import make_executor
 from benchmarks.core.harness import Options, Sweep, run_cases
 from tests.dask_cluster import Cluster
-from tests.ros.cable import HERE, two_machines
 from tests.sweep_cases import slow_network
 import tests.dask_cluster
 
@@ -76,7 +76,7 @@ def after(begun: Path, count: int, act: Callable[[], object]) -> Thread:
     """Do something in a thread as soon as so many cases have begun."""
 
     def wait() -> None:
-        give_up = time.monotonic() + PATIENCE
+        give_up = time.monotonic() + TIMEOUT
         while len(list(begun.iterdir())) < count and time.monotonic() < give_up:
             time.sleep(0.005)
         act()
@@ -182,7 +182,7 @@ def test_a_scheduler_needs_no_poise_and_a_worker_does(cluster: Cluster, bare: Pa
     with ResultsFile(tmp_path / "cases.jsonl") as file:
         assert swept(cluster.address, file, [{"seed": 3}], square)[0]["square"] == 9
     nanny.terminate()
-    nanny.wait(PATIENCE)
+    nanny.wait(TIMEOUT)
     cluster.worker(source=bare)
     with (
         ResultsFile(tmp_path / "cases.jsonl") as file,

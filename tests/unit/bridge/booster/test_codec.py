@@ -143,7 +143,7 @@ def test_the_guard_damps_after_the_silence_and_not_after_the_last_command(
 def test_buttons_of_the_remote_controller() -> None:
     record = np.zeros(1, REMOTE)[0]
     record["buttons"][[BUTTONS.index("lt"), BUTTONS.index("back")]] = 1
-    assert RemoteController(1.0).receive(pack(record)) == {"lt", "back"}
+    assert RemoteController(1.0, 60.0).receive(pack(record)) == {"lt", "back"}
 
 
 @pytest.mark.parametrize(

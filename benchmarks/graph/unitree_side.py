@@ -1,10 +1,12 @@
 """The robot's side as a process in real time: ``GantryRobot`` behind Unitree's own SDK, or behind rclpy.
 
-    python -m tests.unitree.process sdk|ros INTERFACE DOMAIN [RATE [SPEED]]
+    python -m benchmarks.graph.unitree_side sdk|ros INTERFACE DOMAIN [ROBOT [RATE [SPEED [SEED [DEVIATION]]]]]
 
+ROBOT is its profile, RATE that of states and commands [Hz], SPEED that of its time over real time, SEED of the sensor
+noise, DEVIATION how it differs from the profile (``bridge/plants/deviation.py``, JSON).
 ``sdk`` is the package ``far-unitree-sdk``: Unitree's C++ SDK with CycloneDDS in the role of the robot, in DDS domain 0.
 ``ros`` publishes the same messages with this project's codec, and the remote controller, which the SDK's robot lacks.
-Lines on the standard input are calls on the robot in JSON, ``["name", arguments...]``; each is answered by a line.
+Lines on the standard input are calls of ``Program`` in JSON, ``["name", arguments...]``; each is answered by a line.
 """
 
 import json
@@ -13,13 +15,16 @@ import select
 import sys
 import time
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from bridge.plants.deviation import Deviation
 from bridge.plants.gantry import STEP
 from bridge.plants.unitree.simulated import GantryRobot
 from bridge.plants.unitree.wire import read_low_cmd
+from models.config import parse_config
 from models.nodes.realtime import use_fifo
 from models.types import JointCommand
 
@@ -57,11 +62,9 @@ class SdkSide:
     """The robot's side by Unitree's SDK; its motion switcher always answers that no controller is active."""
 
     def __init__(self, robot: GantryRobot, interface: str, domain: int) -> None:
-        import unitree_interface as sdk
-
         if domain:
             raise SystemExit("the SDK's robot is in domain 0")
-
+        sdk: Any = import_module("unitree_interface")  # its stubs lack the calls of the robot's side
         self._robot = robot
         kind = sdk.MessageType.HG
         create = sdk.UnitreeInterface.create_g1
@@ -262,10 +265,22 @@ class Program:
         return True
 
 
-if __name__ == "__main__":
-    kind, where, in_domain, *numbers = sys.argv[1:]
-    rate, speed = (*map(float, numbers), *(500.0, 1.0)[len(numbers) :])
+def main(
+    kind: str,
+    where: str,
+    domain: str,
+    robot: str = "g1",
+    rate: str = "500",
+    speed: str = "1",
+    seed: str = "0",
+    deviation: str = "{}",
+) -> None:
+    """Run the robot and its side until the end of the input, or ``quit``."""
     side = {"sdk": SdkSide, "ros": RosSide}[kind]
-    Program(
-        GantryRobot(rate=rate, released=kind == "sdk"), lambda robot: side(robot, where, int(in_domain)), speed
-    ).run()
+    differs = parse_config(Deviation, json.loads(deviation), "deviation")
+    gantry = GantryRobot(robot, rate=float(rate), seed=int(seed), deviation=differs, released=kind == "sdk")
+    Program(gantry, lambda robot: side(robot, where, int(domain)), float(speed)).run()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,314 @@
+"""A whole graph and its robot, which is another process or the simulated plant: both are driven by the same calls."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TypeVar
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+
+from benchmarks.graph.graph_kinds import User
+from bridge.launch.graph import Graph
+from bridge.launch.hardware import hardware_options
+from bridge.ros.processes import process_specs
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.messages import stamp_ns
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.status import subscribe_status
+from models.status import StartStatus
+from models.types import Vector
+
+LOOPBACK = Path(__file__).resolve().parents[2] / "bridge" / "config" / "loopback.xml"
+UNITREE_SIDE = "benchmarks.graph.unitree_side"
+START_TIME = 90.0  #: Longest wait for a robot to stand at the start [s]
+MODE_TIME = 60.0  #: Longest wait for another change of mode [s]
+SLOWEST = 0.1  #: Least speed of the robot's time [-]
+
+SessionT = TypeVar("SessionT", bound="Session")
+
+
+class Session(ABC):
+    """A graph and its robot; entering starts it, leaving ends it.
+
+    Attributes:
+        odometry: Newest estimated position of the base (2,) [m].
+        base: Newest true position of the base (3,) [m], by ``update``.
+        t: Time of the robot [s], by ``update``.
+    """
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.odometry = np.zeros(2)
+        self.base: Vector = np.full(3, np.nan)
+        self.t = 0.0
+        self._values: dict[str, str] = {}
+
+    def __enter__(self: SessionT) -> SessionT:
+        self.graph.__enter__()
+        node = self.graph.node
+        node.create_subscription(Odometry, topics.ODOM, self._on_odometry, SENSOR)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        self._user = User(self.graph)
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.graph.close()
+
+    @abstractmethod
+    def stand(self) -> None:
+        """From the start to standing by itself."""
+
+    @abstractmethod
+    def update(self) -> None:
+        """Bring ``t`` and ``base`` up to date."""
+
+    @abstractmethod
+    def push(self, force: Vector, duration: float) -> None:
+        """Push the base with a force in W (3,) [N] for a time [s]."""
+
+    def value(self, name: str) -> str:
+        """Newest value in the diagnostics of the driver; empty before the first."""
+        return self._values.get(name, "")
+
+    def pass_time(self, time_s: float) -> None:
+        """Spin until the robot's time has advanced, which waits on a busy machine."""
+        self.update()
+        end, give_up = self.t + time_s, time.monotonic() + time_s / SLOWEST + MODE_TIME
+        while self.t < end:
+            self.graph.spin(0.1)
+            self.update()
+            if time.monotonic() > give_up:
+                raise PoiseError("the robot's time stands still")
+
+    def walk(self, speed: float, time_s: float) -> None:
+        """Walk, and come to a stand."""
+        self._user.walk(speed)
+        self.pass_time(time_s)
+        self._user.walk(None)
+        self._reach_mode("stand")
+
+    def send(self, motion: str) -> None:
+        """Begin a motion, and wait for its end."""
+        self.graph.send(motion)
+        for mode in ("motion", "stand"):
+            self._reach_mode(mode)
+
+    def _reach_mode(self, mode: str) -> None:
+        self.graph.wait_for(lambda: self.graph.mode == mode, MODE_TIME, f"mode {mode}")
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "/robot_driver":
+                self._values = {item.key: item.value for item in status.values}
+
+    def _on_odometry(self, message: Odometry) -> None:
+        place = message.pose.pose.position
+        self.odometry = np.array([place.x, place.y])
+
+
+class SimulatedSession(Session):
+    """The graph with the simulated plant, which has the robot of the laws."""
+
+    def __init__(self, robot: str, folder: Path, *, domain: int, seed: int, speed: float, push_time: float) -> None:
+        self._push_time = push_time
+        driver = {"seed": seed, "speed": speed, "push.duration": push_time}
+        super().__init__(
+            Graph(
+                robot, domain_id=domain, parameters={"robot_driver": driver}, log=folder / "graph.log",
+                say=lambda text: None,
+            )
+        )  # fmt: skip
+
+    def __enter__(self) -> SimulatedSession:
+        super().__enter__()
+        node = self.graph.node
+        node.create_subscription(Clock, topics.CLOCK, self._on_clock, SENSOR)
+        node.create_subscription(Odometry, topics.GROUND_TRUTH, self._on_truth, SENSOR)
+        self._pushes = node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
+        return self
+
+    def stand(self) -> None:
+        self.graph.wait_standing(START_TIME)
+
+    def update(self) -> None:
+        pass  # by the messages
+
+    def push(self, force: Vector, duration: float) -> None:
+        if duration != self._push_time:
+            raise PoiseError(f"pushes of this session last {self._push_time:g} s, not {duration:g} s")
+        message = WrenchStamped()
+        message.header.frame_id = topics.BASE_FRAME
+        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = map(float, force)
+        self._pushes.publish(message)
+
+    def _on_clock(self, message: Clock) -> None:
+        self.t = stamp_ns(message.clock) / NANOSECONDS
+
+    def _on_truth(self, message: Odometry) -> None:
+        place = message.pose.pose.position
+        self.base = np.array([place.x, place.y, place.z])
+
+
+class RobotProcess:
+    """A ``module`` such as ``benchmarks.graph.unitree_side``, called over its pipes.
+
+    ``command`` runs it on another machine.
+    """
+
+    def __init__(
+        self,
+        side: str,
+        interface: str,
+        folder: Path,
+        *arguments: object,
+        command: Sequence[str] = (),
+        domain: int = 0,
+        module: str = UNITREE_SIDE,
+    ) -> None:
+        environment: Mapping[str, str] = os.environ
+        if interface == "lo":
+            local = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(LOOPBACK), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
+            environment = {**os.environ, **local}
+        self._errors = (folder / "robot.log").open("wb")
+        program = [sys.executable, "-m", module, side, interface, str(domain), *map(str, arguments)]
+        self._process = subprocess.Popen(
+            [*command, *program], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+            text=True,
+        )  # fmt: skip
+
+    def __call__(self, name: str, *arguments: object) -> Any:
+        """Call a method of ``Program``; returns its result."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(json.dumps([name, *arguments]) + "\n")
+        self._process.stdin.flush()
+        if line := self._process.stdout.readline():
+            return json.loads(line)
+        raise PoiseError("the robot's process has ended")
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.terminate()
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout, self._errors):
+            if pipe is not None:
+                pipe.close()
+
+
+class HardwareSession(Session):
+    """The graph of a real robot, whose side is a ``RobotProcess``: ``side`` and ``options`` are arguments of that.
+
+    Attributes:
+        robot: The process.
+        start: Newest state of the start.
+    """
+
+    def __init__(
+        self,
+        side: str,
+        folder: Path,
+        *options: object,
+        graph_domain: int,
+        interface: str = "lo",
+        robot_interface: str = "lo",
+        robot_domain: int = 0,
+        rate: int | None = 500,
+        command: Sequence[str] = (),
+        plant: str = "unitree",
+        robot: str = "g1",
+        plant_options: str = "",
+        module: str = UNITREE_SIDE,
+    ) -> None:
+        os.environ["XDG_STATE_HOME"] = str(folder / "state")
+        os.environ["ROS_DOMAIN_ID"] = str(graph_domain)
+        self.start: StartStatus | None = None
+        self.robot = RobotProcess(
+            side, robot_interface, folder, *options, command=command, domain=robot_domain, module=module
+        )
+        try:
+            profile, given = hardware_options(plant, robot, interface, robot_domain, rate, plant_options)
+            driver = {"plant": plant, "plant_options": given["plant_options"]}
+            super().__init__(
+                Graph(
+                    profile,
+                    domain_id=graph_domain,
+                    specs=given["robot_network"].processes(process_specs("shared"), profile),
+                    parameters={"robot_driver": driver, **given["rates"]},
+                    log=folder / "graph.log",
+                    say=lambda text: None,
+                )
+            )
+        except BaseException:
+            self.robot.close()
+            raise
+
+    def __enter__(self) -> HardwareSession:
+        try:
+            super().__enter__()
+        except BaseException:
+            self.robot.close()
+            raise
+        subscribe_status(self.graph.node, StartStatus, topics.START_STATUS, self._on_start, LATCHED)
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        try:
+            super().__exit__(kind, error, trace)
+        finally:
+            self.robot.close()
+
+    @property
+    def waits_for(self) -> str:
+        """What the start waits for, with its reason; empty before the first state."""
+        return "" if self.start is None else self.start.waits_for
+
+    def reach(self, state: str, limit: float = MODE_TIME) -> None:
+        """Wait for a state of the start."""
+        self.graph.wait_for(lambda: self.start is not None and self.start.state == state, limit, f"state {state}")
+
+    def stand(self) -> None:
+        """From the gantry to standing without the rope."""
+        self.reach("gantry")
+        self._call(f"{topics.START}confirm_gantry")
+        self.reach("hanging")
+        self._call(f"{topics.START}lower")
+        self.robot("set", "rope_speed", 0.05)
+        self.graph.wait_standing(START_TIME)
+        self.pass_time(1.0)
+        self.robot("set", "hooked", False)
+
+    def update(self) -> None:
+        report = self.robot("report")
+        self.t, self.base = report["t"], np.array(report["base"])
+
+    def push(self, force: Vector, duration: float) -> None:
+        self.robot("push", *map(float, force), duration)
+
+    def wait_for(self, condition: Callable[[], bool], what: str) -> None:
+        """Spin until a condition is met; ``PoiseError`` with ``what`` after a while."""
+        self.graph.wait_for(condition, MODE_TIME, what)
+
+    def _call(self, name: str) -> None:
+        accepted, answer = self.graph.call(name)
+        if not accepted:
+            raise PoiseError(f"{name} refused: {answer}")
+
+    def _on_start(self, status: StartStatus) -> None:
+        self.start = status
