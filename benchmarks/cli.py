@@ -56,11 +56,12 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
     choice = first.choice or "scenario"
     degrees = " (or degrees to the left)" if choice == "direction" else ""
     known = {each.info.mode: each for each in modes}
+    usual = ", ".join(dict.fromkeys(str(each.info.seeds) for each in modes))
 
     @app.command(name, help=first.about)
     def run(
         robot: Annotated[str, typer.Option(help="Robot profile.")] = "g1",
-        seeds: Annotated[int, typer.Option(min=1, help="How many seeds.")] = first.seeds,
+        seeds: int | None = typer.Option(None, min=1, help=f"How many seeds; usually {usual}."),
         first_seed: Annotated[int | None, typer.Option(min=0, help="First seed; usually 0.")] = None,
         workers: Workers = 1,
         scheduler: Scheduler = "",
@@ -97,7 +98,8 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
             benchmark = listed.load()
             with open_sweep(workers, scheduler, results) as sweep:
                 chose = tuple(chosen)
-                options = Options(robot, seeds, first_seed, workers, chose, directions, contender, sweep)
+                number = listed.info.seeds if seeds is None else seeds
+                options = Options(robot, number, first_seed, workers, chose, directions, contender, sweep)
                 report = benchmark.run(options)
                 if sweep.results is not None:
                     console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured: {results}")

@@ -109,6 +109,13 @@ def test_a_command_runs_its_own_benchmark_with_its_usual_seeds(name: str, asked:
     assert [(found, options.seeds) for found, options in asked] == [(name, USUAL_SEEDS.get(name, 1))]
 
 
+@pytest.mark.parametrize("name", [name for name, listed in catalogue().items() if listed.info.mode])
+def test_each_mode_has_its_usual_seeds(name: str, asked: list[tuple[str, Options]]) -> None:
+    listed = catalogue()[name]
+    assert RUNNER.invoke(app, ["bench", listed.command, "--mode", listed.info.mode]).exit_code == 0
+    assert [(found, options.seeds) for found, options in asked] == [(name, listed.info.seeds)]
+
+
 @pytest.mark.parametrize("name", list(catalogue()))
 def test_the_report_of_every_benchmark_is_drawn_by_it(
     name: str, tmp_path: Path, asked: list[tuple[str, Options]]
