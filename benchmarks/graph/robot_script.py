@@ -66,8 +66,8 @@ class Measured:
     drift: list[float] | None = None  # of the standing robot, each axis [m]
     stood: float = 0.0  # time of that [s]
     pushes: list[bool] = field(default_factory=list)  # whether it stands after each
-    walked: list[float] | None = None  # displacement by the walk, each axis [m]
-    odometry: list[float] | None = None  # estimated displacement, x and y [m]
+    walked: list[float] | None = None  # displacement by the walk: along the heading at its beginning, to the left [m]
+    odometry: list[float] | None = None  # the same as it is estimated, along the estimated heading [m]
     stop_ms: int | None = None  # from the stop of the robot to the first damping command, in the robot's time [ms]
     stopped: str = ""  # reason that the driver reports
     kp: float = 0.0  # largest stiffness afterwards [N.m/rad]
@@ -81,9 +81,9 @@ def drive(session: Session, script: Script, found: Measured) -> None:
     found.phase = "stand"
     session.stand()
     session.pass_time(script.pause)
-    before, begin = session.base, session.t
-    session.pass_time(script.stand_time)
-    found.drift, found.stood = (session.base - before).tolist(), session.t - begin
+    begin = session.t
+    found.drift = session.drift(script.stand_time).tolist()
+    found.stood = session.t - begin
     found.phase = "motion"
     session.send(script.motion)
     session.pass_time(script.pause)
@@ -93,11 +93,8 @@ def drive(session: Session, script: Script, found: Measured) -> None:
         session.pass_time(script.push_time + script.push_pause)
         found.pushes.append(session.graph.standing)
     found.phase = "walk"
-    before, estimated = session.base, session.odometry
-    session.walk(script.speed, script.walk_time)
-    session.pass_time(script.pause)
-    found.walked = (session.base - before).tolist()
-    found.odometry = (session.odometry - estimated).tolist()
+    walked, estimated = session.walk(script.speed, script.walk_time, script.pause)
+    found.walked, found.odometry = walked.tolist(), estimated.tolist()
     if not session.graph.standing:
         raise PoiseError(f"mode '{session.graph.mode}', drivers '{session.graph.driver_state}' after the walk")
 

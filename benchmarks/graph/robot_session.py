@@ -24,8 +24,9 @@ from bridge.launch.graph import Graph
 from bridge.launch.hardware import hardware_options
 from bridge.ros.processes import process_specs
 from models.errors import PoiseError
+from models.heading import heading, turned
 from models.nodes import topics
-from models.nodes.cdr import NANOSECONDS
+from models.nodes.cdr import NANOSECONDS, numbers_of
 from models.nodes.messages import stamp_ns
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.nodes.status import subscribe_status
@@ -41,19 +42,25 @@ SLOWEST = 0.1  #: Least speed of the robot's time [-]
 SessionT = TypeVar("SessionT", bound="Session")
 
 
+def pose_of(message: Odometry) -> tuple[Vector, float]:
+    """Position (3,) [m] and heading [rad] of an odometry message."""
+    pose = message.pose.pose
+    return numbers_of(pose.position), heading(*numbers_of(pose.orientation))
+
+
 class Session(ABC):
     """A graph and its robot; entering starts it, leaving ends it.
 
     Attributes:
-        odometry: Newest estimated position of the base (2,) [m].
-        base: Newest true position of the base (3,) [m], by ``update``.
+        odometry: Newest estimated position of the base (2,) [m] and heading [rad].
+        base: Newest true position of the base (3,) [m] and heading [rad], by ``update``.
         t: Time of the robot [s], by ``update``.
     """
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
-        self.odometry = np.zeros(2)
-        self.base: Vector = np.full(3, np.nan)
+        self.odometry: tuple[Vector, float] = (np.zeros(2), 0.0)
+        self.base: tuple[Vector, float] = (np.full(3, np.nan), np.nan)
         self.t = 0.0
         self._values: dict[str, str] = {}
 
@@ -94,12 +101,26 @@ class Session(ABC):
             if time.monotonic() > give_up:
                 raise PoiseError("the robot's time stands still")
 
-    def walk(self, speed: float, time_s: float) -> None:
-        """Walk, and come to a stand."""
+    def walk(self, speed: float, time_s: float, pause_s: float) -> tuple[Vector, Vector]:
+        """Walk, come to a stand and pause.
+
+        Returns:
+            True and estimated displacement, along the true and the estimated heading at the beginning (2,) [m].
+        """
+        (begin, yaw), (estimated, yaw_estimated) = self.base, self.odometry
         self._user.walk(speed)
         self.pass_time(time_s)
         self._user.walk(None)
         self._reach_mode("stand")
+        self.pass_time(pause_s)
+        return turned((self.base[0] - begin)[:2], -yaw), turned(self.odometry[0] - estimated, -yaw_estimated)
+
+    def drift(self, time_s: float) -> Vector:
+        """Stand for a time [s]; returns the displacement (3,) [m]."""
+        self.update()
+        begin, _ = self.base
+        self.pass_time(time_s)
+        return self.base[0] - begin
 
     def send(self, motion: str) -> None:
         """Begin a motion, and wait for its end."""
@@ -116,8 +137,8 @@ class Session(ABC):
                 self._values = {item.key: item.value for item in status.values}
 
     def _on_odometry(self, message: Odometry) -> None:
-        place = message.pose.pose.position
-        self.odometry = np.array([place.x, place.y])
+        position, yaw = pose_of(message)
+        self.odometry = (position[:2], yaw)
 
 
 class SimulatedSession(Session):
@@ -159,8 +180,7 @@ class SimulatedSession(Session):
         self.t = stamp_ns(message.clock) / NANOSECONDS
 
     def _on_truth(self, message: Odometry) -> None:
-        place = message.pose.pose.position
-        self.base = np.array([place.x, place.y, place.z])
+        self.base = pose_of(message)
 
 
 class RobotProcess:
@@ -296,7 +316,7 @@ class HardwareSession(Session):
 
     def update(self) -> None:
         report = self.robot("report")
-        self.t, self.base = report["t"], np.array(report["base"])
+        self.t, self.base = report["t"], (np.array(report["base"]), report["heading"])
 
     def push(self, force: Vector, duration: float) -> None:
         self.robot("push", *map(float, force), duration)

@@ -74,6 +74,7 @@ class SdkSide:
         self._last: Any = None
 
     def exchange(self) -> None:
+        """Publish the present state, and serve what is requested."""
         robot, state = self._robot, self._state
         sensors = robot.plant.read()
         state.tick, state.mode_machine = robot.tick, robot.mode_machine
@@ -88,6 +89,7 @@ class SdkSide:
         self._side.publish_low_state(state)
 
     def take(self) -> None:
+        """Receive the commands since the last call."""
         given = self._side.read_incoming_command()
         rows = [given.q_target, given.dq_target, given.tau_ff, given.kp, given.kd]
         if rows != self._last:
@@ -122,6 +124,7 @@ class RosSide(TimedSide):
         self.sent: dict[int, float] = {}  #: Times of the states by tick [s]
 
     def exchange(self) -> None:
+        """Publish the present state, and serve what is requested."""
         data = self._robot.state()
         if self.connected:
             self.sent[self._robot.tick] = time.monotonic()
@@ -130,6 +133,7 @@ class RosSide(TimedSide):
                 del self.sent[next(iter(self.sent))]
 
     def take(self) -> None:
+        """Receive the commands since the last call."""
         from bridge.plants.participant import take, take_all
 
         for data in take_all(self._commands):
@@ -162,6 +166,7 @@ class Program:
         self.stop_ms: int | None = None  #: From the stop to the first command without stiffness, in ticks [ms]
 
     def run(self) -> None:
+        """Step the robot in real time until the end of the input, or ``quit``."""
         use_fifo(PRIORITY, lambda text: print(text, file=sys.stderr, flush=True))  # a real robot has its own computer
         period = STEP / self.speed
         due = time.monotonic()
@@ -213,6 +218,7 @@ class Program:
         return {
             "t": self.robot.tick * STEP,
             "base": self.robot.base.round(5).tolist(),
+            "heading": self.robot.heading,
             "load": self.robot.plant.load,
             "received": self.robot.received,
             "refused": self.robot.refused,

@@ -98,10 +98,9 @@ def judged(found: dict[str, Any]) -> Case:
     if found["drift"] is not None:
         case["drift"] = float(np.abs(found["drift"]).max())
     if found["walked"] is not None:
-        walked, counted = np.array(found["walked"][:2]), np.array(found["odometry"])
+        walked, counted = np.array(found["walked"]), np.array(found["odometry"])
         case["walked"] = float(np.linalg.norm(walked))
-        case["odometry"] = abs(float(np.linalg.norm(counted)) - case["walked"]) / case["walked"]
-        case["aside"] = float(np.linalg.norm(counted - walked))
+        case["odometry"] = float(np.linalg.norm(counted - walked)) / case["walked"]
     case["pushes"] = sum(found["pushes"])
     reasons = [found["failure"]]
     if not all(found["pushes"]):
@@ -135,7 +134,7 @@ class Sim2simSdk(Benchmark):
         """Of each side ``survived_`` of ``total_`` runs, those that could not be run included.
 
         Of the measured ones the worst: ``drift_`` of an axis [m], ``walked_`` distance [m], error of the ``odometry_``
-        over the distance [-] and of the estimated position (``aside_`` [m]), ``stop_`` and ``answer_`` [ms].
+        at the end of the walk over its distance [-], ``stop_`` and ``answer_`` [ms].
         """
         figures: dict[str, float] = {}
         for name in dict.fromkeys(case["scenario"] for case in cases):
@@ -143,7 +142,7 @@ class Sim2simSdk(Benchmark):
             figures[f"survived_{name}"] = float(sum(case["survived"] for case in of))
             figures[f"total_{name}"] = float(len(of))
             for key, unit, worst in (
-                ("walked", "_m", min), ("drift", "_m", max), ("odometry", "", max), ("aside", "_m", max),
+                ("walked", "_m", min), ("drift", "_m", max), ("odometry", "", max),
                 ("stop", "_ms", max),
             ):  # fmt: skip
                 if values := [case[key] for case in of if key in case]:

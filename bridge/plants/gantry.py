@@ -14,6 +14,7 @@ from bridge.plants.sensors import SensorErrors
 from models.config import STRICT, Count, NonNegative, Positive, default_config
 from models.constants import GRAVITY
 from models.errors import ConfigError
+from models.heading import heading
 from models.mujoco_model import mujoco_to_pin
 from models.robot_model import RobotModel
 from models.types import JointCommand, Vector, Vector3
@@ -121,13 +122,17 @@ class HangingRobot:
     @property
     def base(self) -> Vector:
         """True position of the pelvis (3,) [m]."""
-        q, _ = mujoco_to_pin(self.model, self.plant.mujoco, *self._state)
-        return np.array(q[:3])
+        return np.array(self._q[:3])
 
     @property
-    def _state(self) -> tuple[Vector, Vector]:
-        mj = self.plant.mujoco
-        return self.plant.data.qpos[mj.qpos], self.plant.data.qvel[mj.qvel]
+    def heading(self) -> float:
+        """True heading of the pelvis [rad]."""
+        return heading(*self._q[3:7])
+
+    @property
+    def _q(self) -> Vector:
+        mj, data = self.plant.mujoco, self.plant.data
+        return mujoco_to_pin(self.model, mj, data.qpos[mj.qpos], data.qvel[mj.qvel])[0]
 
     def _hook(self) -> Vector:
         data = self.plant.data

@@ -3,7 +3,6 @@
 Times are the robot's, which waits while this machine is busy; no time of this machine is asserted.
 """
 
-import json
 import os
 import signal
 from collections.abc import Iterator
@@ -52,24 +51,14 @@ def test_it_stands_waves_and_walks(tmp_path: Path, robot: str, command: str, vel
     with session_of(tmp_path, robot, f"{{command: {command}}}", speed) as session:
         session.stand()
         session.robot("clear")
-        before = session.robot("report")
-        session.pass_time(stand)
-        after = session.robot("report")
-        assert np.abs(np.subtract(after["base"], before["base"])).max() < 0.01
-        session.wave()
+        assert np.abs(session.drift(stand)).max() < 0.01
+        session.send("wave")
         session.pass_time(1.0)
-        before, odometry = session.robot("report"), session.odometry
-        session.walk(velocity, walk)
-        session.pass_time(1.0)
-        after, reached = session.robot("report"), session.odometry
-        walked = float(np.linalg.norm(np.subtract(after["base"], before["base"])[:2]))
-        counted = float(np.linalg.norm(np.subtract(reached, odometry)))
-        print(json.dumps({
-            "walked": walked, "odometry": counted, "robot": after,
-            **{key: session.value(key) for key in ANSWER_VALUES.values()},
-        }))  # fmt: skip
+        walked, estimated = session.walk(velocity, walk, 1.0)
+        print({"walked": walked, "odometry": estimated, **session.robot("report")})
+        print({key: session.value(key) for key in ANSWER_VALUES.values()})
         assert session.graph.standing
-        assert walked > 0.6 * velocity * walk and abs(counted - walked) < 0.05 + 0.01 * walked
+        assert walked[0] > 0.6 * velocity * walk and np.linalg.norm(estimated - walked) < 0.05 + 0.01 * walked[0]
 
 
 def test_the_guard_damps_for_a_killed_driver_and_an_inactive_controller_is_named(tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ from bridge.plants.deviation import Deviation
 from models.config import parse_config
 from models.errors import ConfigError, PoiseError
 
+pytestmark = pytest.mark.ros
+
 CONFIG = sim2sim_sdk.config()
 BENCH = catalogue()["sim2sim_sdk"].load()
 
@@ -24,7 +26,7 @@ BENCH = catalogue()["sim2sim_sdk"].load()
 def results(**changes: Any) -> dict[str, Any]:
     """Results of a script that everything went well in, or with changes."""
     good = Measured(
-        phase="stop", drift=[0.001, -0.002, 0.0], stood=60.0, pushes=[True] * 4, walked=[12.0, 0.0, 0.0],
+        phase="stop", drift=[0.001, -0.002, 0.0], stood=60.0, pushes=[True] * 4, walked=[12.0, 0.0],
         odometry=[12.06, 0.08], stop_ms=3, stopped="mode_machine changed to 4", kp=0.0, kd=5.0,
         answer_ms={"p50": 1.5, "p99": 3.0, "max": 10.0},
     )  # fmt: skip
@@ -62,8 +64,9 @@ def test_a_run_is_passed_on_as_the_process_reads_it(monkeypatch: pytest.MonkeyPa
     [
         ({}, "", ""),
         ({"drift": [0.0, 0.011, 0.0]}, "drift_sdk_m", ""),
-        ({"walked": [9.9, 0.0, 0.0], "odometry": [9.9, 0.0]}, "walked_sdk_m", ""),
+        ({"walked": [9.9, 0.0], "odometry": [9.9, 0.0]}, "walked_sdk_m", ""),
         ({"odometry": [12.2, 0.0]}, "odometry_sdk", ""),
+        ({"odometry": [12.0, 0.2]}, "odometry_sdk", ""),
         ({"stop_ms": 11}, "stop_sdk_ms", ""),
         ({"pushes": [True, False, False, False]}, "survived_sdk", "1 of 4 pushes survived"),
         ({"kp": 10.0}, "survived_sdk", "no damping"),
