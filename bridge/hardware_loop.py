@@ -249,6 +249,8 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
     ) -> None:
         side = GantryRobot(rate=rate, seed=seed, **options)
         link, robot = DirectLink(side, delay), RobotModel.load(laws)
+        if (hardware := robot.profile.hardware) is not None and hardware.mode_machine is not None:
+            side.mode_machine = hardware.mode_machine  # it is a robot of the type that the laws are for
         plant = UnitreePlant(robot, rate=rate, marker=str(marker), link=link)
         super().__init__(robot, side, link, plant, DampingGuard(robot), record_period)
         link.receivers.append(self._on_command)

@@ -24,7 +24,9 @@ from bridge.driver.probes import ANSWER_VALUES
 from bridge.ros.environment import free_domain
 from models.config import STRICT, Count, NonNegative, Positive, parse_config
 from models.errors import PoiseError
+from models.nodes.realtime import use_fifo
 
+OPERATOR = 20  #: SCHED_FIFO of this process, which publishes velocities, below the graph; where permitted
 GRAPH_DOMAIN = 7  #: ROS domain of the graph in its own network; the SDK's robot is in domain 0
 STOPPED_TYPE = 4  #: mode_machine of another robot, which damps at once, as a button: the SDK's robot has no remote
 
@@ -80,6 +82,7 @@ def drive(session: Session, script: Script, found: Measured) -> None:
     """Stand, motion, pushes and walk; ``PoiseError`` when the robot no longer stands."""
     found.phase = "stand"
     session.stand()
+    use_fifo(OPERATOR, lambda text: print(text, file=sys.stderr))  # an operator's computer is another one
     session.pass_time(script.pause)
     begin = session.t
     found.drift = session.drift(script.stand_time).tolist()

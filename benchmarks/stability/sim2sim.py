@@ -26,6 +26,7 @@ class Condition:
 
     deviation: Deviation | None = None
     delay: Count | None = None  #: From a state to its command in force; that of all conditions when None [ms]
+    laws: str | None = None  #: Profile of the laws; that of all conditions when None
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -135,7 +136,7 @@ def measure(robot: str, seed: int, scenario: str) -> Case:
     with TemporaryDirectory() as folder:
         loop = HardwareLoop(
             Path(folder) / "marker",
-            laws=config.laws[robot],
+            laws=condition.laws or config.laws[robot],
             rate=config.rate,
             seed=seed,
             delay=condition.delay or config.delay,

@@ -73,19 +73,23 @@ def run_script(run: dict[str, Any], folder: Path, timeout: float) -> dict[str, A
     return found
 
 
-def measure(robot: str, seed: int, scenario: str) -> Case:
-    """Run the script once; ``reason`` says why the robot did not come through, or why the case could not be run."""
+def run_of(robot: str, seed: int, scenario: str) -> dict[str, Any]:
+    """The ``Run`` of a scenario."""
     test = config()
     given = test.scenarios[scenario]
     condition = conditions()[given.condition]
     deviation = {} if condition.deviation is None else asdict(condition.deviation)
-    run = {
+    return {
         "script": test.script, "sdk": given.sdk, "robot": robot, "seed": seed, "rate": test.rate,
         "speed": given.speed, "deviation": deviation,
     }  # fmt: skip
+
+
+def measure(robot: str, seed: int, scenario: str) -> Case:
+    """Run the script once; ``reason`` says why the robot did not come through, or why the case could not be run."""
     try:
         with TemporaryDirectory(prefix="poise_sim2sim_") as folder:
-            return judged(run_script(run, Path(folder), test.limit))
+            return judged(run_script(run_of(robot, seed, scenario), Path(folder), config().limit))
     except Unavailable as error:
         return {"survived": False, "reason": f"not run: {error}", NOT_RUN: True}
     except PoiseError as error:

@@ -5,6 +5,7 @@ Times are the robot's, which waits while this machine is busy; no time of this m
 
 import json
 import os
+import resource
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,37 +32,33 @@ def needs_types() -> None:
         pytest.skip(str(error))
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        {"STAND": "2", "WALK": "4", "SPEED": "0.5", "IMPULSE": "8", "SIDES": "1"},
-        pytest.param({"STAND": "60", "WALK": "28", "SPEED": "0.5", "IMPULSE": "12", "SIDES": "4"}, marks=slow),
-    ],
-    ids=["short", "full"],
-)
-def test_unitrees_sdk_behind_a_cable(tmp_path: Path, given: dict[str, str]) -> None:
-    """Stand, wave, pushes, walk and a stop, at half speed: two busy cores do not carry robot and graph in real time.
+def test_unitrees_sdk_behind_a_cable(tmp_path: Path) -> None:
+    """The whole script of ``poise bench sim2sim --mode sdk``: stand, wave, pushes, walk and stop.
 
-    ``POISE_UNITREE_STAND`` and the like change the times [s], the robot's speed, the impulse [N.s] and its directions.
+    In real time where real-time priorities are permitted, at half speed elsewhere: a busy machine would stop the graph.
+    ``POISE_UNITREE_STAND`` and ``_WALK`` change the times [s], ``_SPEED`` the robot's speed.
     """
     needs_types()
-    values = {name: float(os.environ.get(f"POISE_UNITREE_{name}", usual)) for name, usual in given.items()}
-    script = sim2sim_sdk.config().script | {
-        "stand_time": values["STAND"], "walk_time": values["WALK"], "impulse": values["IMPULSE"],
-        "pushes": int(values["SIDES"]),
-    }  # fmt: skip
+    usual = 1.0 if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] else 0.5
+    run = sim2sim_sdk.run_of("g1", 0, "sdk")
+    script = run["script"]
+    stand, walk, run["speed"] = (
+        float(os.environ.get(f"POISE_UNITREE_{name}", value))
+        for name, value in (("STAND", script["stand_time"]), ("WALK", script["walk_time"]), ("SPEED", usual))
+    )
+    run["script"] = script | {"stand_time": stand, "walk_time": walk}
     try:
-        result = sim2sim_sdk.run_script({"script": script, "sdk": True, "speed": values["SPEED"]}, tmp_path, 580.0)
+        result = sim2sim_sdk.run_script(run, tmp_path, 580.0)
     except Unavailable as error:
         pytest.skip(str(error))
     print(json.dumps(result))
-    case = sim2sim_sdk.judged(result)
+    case, given = sim2sim_sdk.judged(result), sim2sim_sdk.config()
     assert case["survived"], case["reason"]
-    assert case["drift"] < 0.01
-    assert case["walked"] > 0.25 * values["WALK"] and len(result["pushes"]) == values["SIDES"]
+    assert case["drift"] < given.drift_max and result["stood"] >= stand
+    assert case["pushes"] == 4 and case["walked"] > given.distance * walk / script["walk_time"]
+    assert case["odometry"] < given.odometry_max
     assert "mode_machine changed to 4" in result["stopped"]
-    assert result["kp"] == 0.0 and result["kd"] > 0.0 and result["stop_ms"] is not None
-    assert case["odometry"] < 0.01 + 0.05 / case["walked"]
+    assert result["kp"] == 0.0 and result["kd"] > 0.0 and case["stop"] <= given.stop_max  # the robot's time
     assert 0.0 < case["answer_ms"]["p50"] <= case["answer_ms"]["p99"] <= case["answer_ms"]["max"]
 
 

@@ -35,7 +35,7 @@ def write(tmp_path: Path) -> Write:
 
 
 def test_packaged_robots_are_listed() -> None:
-    assert robot_names() == ["g1", "g1_hardware", "talos", "talos_hardware"]
+    assert robot_names() == ["g1", "g1_hardware", "g1_mode_2_hardware", "talos", "talos_hardware"]
 
 
 def test_copy_of_a_profile_loads_by_path(g1_data: dict[str, Any], write: Write) -> None:
@@ -46,7 +46,7 @@ def test_copy_of_a_profile_loads_by_path(g1_data: dict[str, Any], write: Write) 
 
 
 def test_unknown_robot_lists_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match=r"'hal'.*g1, g1_hardware, talos, talos_hardware"):
+    with pytest.raises(ConfigError, match=r"'hal'.*g1, g1_hardware, g1_mode_2_hardware, talos, talos_hardware"):
         load_profile("hal")
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.stability.sim2sim import conditions
 from bridge.driver.foot_load import payload_profile
 from models.errors import RobotModelError
 from models.profile import Payload
@@ -35,6 +36,18 @@ def test_mass_and_com(tmp_path: Path, g1: RobotModel, mass: float, com: tuple[fl
     legs = [name for name in model.joint_names if "knee" in name or "hip" in name]
     for name in legs:
         assert model.pin.inertias[model.pin.getJointId(name)].isApprox(g1.pin.inertias[g1.pin.getJointId(name)])
+
+
+def test_the_g1_of_mode_machine_2_is_as_unitree_models_it(g1: RobotModel) -> None:
+    """Mass, limits and friction that ``sim2sim`` gives its robot as the condition ``unitree``."""
+    deviation, model = conditions()["unitree"].deviation, RobotModel.load("g1_mode_2_hardware")
+    assert deviation is not None and deviation.torque_limits and deviation.frictionloss
+    assert model.mass == pytest.approx(g1.mass + deviation.torso_mass) == pytest.approx(35.1, abs=0.1)
+    changed = {name: model.tau_max[model.joint_names.index(name)] for name in deviation.torque_limits}
+    assert changed == deviation.torque_limits
+    frictions = [motor.frictionloss for motor in model.profile.motors.values()]
+    assert frictions == pytest.approx([np.mean(deviation.frictionloss)] * len(frictions))
+    assert model.profile.hardware and model.profile.hardware.mode_machine == 2
 
 
 def test_no_torso_is_left(tmp_path: Path) -> None:
