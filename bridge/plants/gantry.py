@@ -142,6 +142,9 @@ class HangingRobot:
         """Force of the rope on the torso."""
         data, body = self.plant.data, self._torso
         self.slack += self.rope_speed * STEP
+        if not self.hooked:
+            data.xfrc_applied[body] = 0.0
+            return
         hook = self._hook()
         along = self._anchor - hook
         distance = float(np.linalg.norm(along))
@@ -149,14 +152,14 @@ class HangingRobot:
         velocity = np.zeros(6)
         mujoco.mj_objectVelocity(self.plant.model, data, mujoco.mjtObj.mjOBJ_BODY, body, velocity, 0)
         arm = hook - data.xipos[body]
-        speed = velocity[3:] + np.cross(velocity[:3], hook - data.xpos[body])
-        stretch = distance - self._length - self.slack if self.hooked else 0.0
+        speed = velocity[3:] + pin.skew(velocity[:3]) @ (hook - data.xpos[body])
+        stretch = distance - self._length - self.slack
         force = np.zeros(3)
         if stretch > 0.0:
             given = self.config
             pull = max(given.rope_stiffness * stretch - given.rope_damping * float(along @ speed), 0.0)
             force = pull * along - given.rope_drag * (speed - along * float(along @ speed))
-        data.xfrc_applied[body] = np.concatenate([force, np.cross(arm, force)])
+        data.xfrc_applied[body] = np.concatenate([force, pin.skew(arm) @ force])
 
 
 class StepLink:

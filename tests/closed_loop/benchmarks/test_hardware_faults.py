@@ -20,6 +20,7 @@ from controllers.joints.joint_servo import JointServo, damping_command
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import JointCommand
+from tests.gantry import started
 
 ROWS = config().rows
 QUICK = ("driver_killed_walk", "foreign", "battery_swap")  #: Of the rows that damp, in every run of the tests
@@ -52,9 +53,7 @@ def test_rows_and_acts_belong_together() -> None:
 
 def test_a_standing_robot_takes_one_after_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hardware_faults, "config", lambda: replace(config(), settle=0.1, duration=0.4))
-    loop = HardwareLoop(tmp_path / "marker")
-    loop.start()
-    loop.unhook()
+    loop = started(HardwareLoop(tmp_path / "marker"))
     for name in IN_SEQUENCE:
         case = Trial(loop, ROWS[name]).run()
         assert case["ok"] and case["torque_step"] < 1.0, (name, case)

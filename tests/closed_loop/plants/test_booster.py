@@ -27,6 +27,7 @@ from models.errors import CommandError, ConfigError, PoiseError
 from models.robot_model import RobotModel
 from models.types import JointCommand, Mode
 from tests.booster.robot import write_profiles
+from tests.gantry import started
 
 pytestmark = pytest.mark.ros
 
@@ -43,9 +44,7 @@ def loop(profiles: tuple[Path, Path], tmp_path: Path) -> BoosterLoop:
 
 @pytest.fixture
 def standing(loop: BoosterLoop) -> BoosterLoop:
-    loop.start()
-    loop.unhook()
-    return loop
+    return started(loop)
 
 
 def codec_of(loop: BoosterLoop, session: int = 0) -> BoosterCodec:

@@ -26,6 +26,7 @@ from models.config import default_config
 from models.errors import CommandError, MessageError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData, Vector
+from tests.gantry import started
 
 B_BUTTON = 9
 AFTERWARDS = (StartState.RELAX, StartState.DAMPED)
@@ -38,9 +39,7 @@ def loop(tmp_path: Path) -> HardwareLoop:
 
 @pytest.fixture
 def standing(loop: HardwareLoop) -> HardwareLoop:
-    loop.start()
-    loop.unhook()
-    return loop
+    return started(loop)
 
 
 def damping(data: bytes) -> bool:
@@ -184,9 +183,7 @@ def speeds(loop: HardwareLoop, time: float) -> tuple[float, float]:
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
 def test_a_lowered_robot_sinks_slowly(tmp_path: Path, seed: int) -> None:
     """One that is damped where it stands reaches 1.6 m/s at the pelvis and 2.7 m/s at the torso."""
-    loop = HardwareLoop(tmp_path / "marker", seed=seed)
-    loop.start()
-    loop.unhook()
+    loop = started(HardwareLoop(tmp_path / "marker", seed=seed))
     ending = default_config(EndConfig, "bridge", "ending")
     loop.command(ending.motion)
     down = speeds(loop, 5.0)

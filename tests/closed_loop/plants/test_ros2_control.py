@@ -22,6 +22,7 @@ from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlL
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, Mode
+from tests.gantry import started
 
 pytestmark = pytest.mark.ros
 AFTERWARDS = (StartState.RELAX, StartState.DAMPED)
@@ -36,10 +37,7 @@ def loop_of(folder: Path, **options: Any) -> Ros2ControlLoop:
 
 @pytest.fixture
 def standing(tmp_path: Path) -> Ros2ControlLoop:
-    loop = loop_of(tmp_path)
-    loop.start()
-    loop.unhook()
-    return loop
+    return started(loop_of(tmp_path))
 
 
 TALOS = {"robot": "talos", "laws": "talos_hardware"}
@@ -138,8 +136,7 @@ def test_one_command_of_another_program_holds_and_is_refused_at_the_start(tmp_pa
     loop.link.publish(foreign(loop))
     loop.run(0.5)
     assert loop.startup.state is StartState.LISTEN and "command of another program" in loop.startup.waits_for
-    loop.start()
-    loop.unhook()
+    started(loop)
     assert loop.plant.holds == ()
     loop.link.publish(foreign(loop))
     loop.run(0.1)
