@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
-import sys
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -20,6 +17,7 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 
 from benchmarks.graph.graph_kinds import User
+from benchmarks.graph.robot_process import UNITREE_SIDE, RobotProcess
 from bridge.launch.graph import Graph
 from bridge.launch.hardware import hardware_options
 from bridge.ros.processes import process_specs
@@ -33,8 +31,6 @@ from models.nodes.status import subscribe_status
 from models.status import StartStatus
 from models.types import Vector
 
-LOOPBACK = Path(__file__).resolve().parents[2] / "bridge" / "config" / "loopback.xml"
-UNITREE_SIDE = "benchmarks.graph.unitree_side"
 START_TIME = 90.0  #: Longest wait for a robot to stand at the start [s]
 MODE_TIME = 60.0  #: Longest wait for another change of mode [s]
 SLOWEST = 0.1  #: Least speed of the robot's time [-]
@@ -181,55 +177,6 @@ class SimulatedSession(Session):
 
     def _on_truth(self, message: Odometry) -> None:
         self.base = pose_of(message)
-
-
-class RobotProcess:
-    """A ``module`` such as ``benchmarks.graph.unitree_side``, called over its pipes.
-
-    ``command`` runs it on another machine.
-    """
-
-    def __init__(
-        self,
-        side: str,
-        interface: str,
-        folder: Path,
-        *arguments: object,
-        command: Sequence[str] = (),
-        domain: int = 0,
-        module: str = UNITREE_SIDE,
-    ) -> None:
-        environment: Mapping[str, str] = os.environ
-        if interface == "lo":
-            local = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(LOOPBACK), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
-            environment = {**os.environ, **local}
-        self._errors = (folder / "robot.log").open("wb")
-        program = [sys.executable, "-m", module, side, interface, str(domain), *map(str, arguments)]
-        self._process = subprocess.Popen(
-            [*command, *program], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
-            text=True,
-        )  # fmt: skip
-
-    def __call__(self, name: str, *arguments: object) -> Any:
-        """Call a method of ``Program``; returns its result."""
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.write(json.dumps([name, *arguments]) + "\n")
-        self._process.stdin.flush()
-        if line := self._process.stdout.readline():
-            return json.loads(line)
-        raise PoiseError("the robot's process has ended")
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.terminate()
-        try:
-            self._process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout, self._errors):
-            if pipe is not None:
-                pipe.close()
 
 
 class HardwareSession(Session):

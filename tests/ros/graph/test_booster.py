@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.graph.robot_session import HardwareSession, RobotProcess
+from benchmarks.graph.robot_process import RobotProcess
+from benchmarks.graph.robot_session import HardwareSession
 from bridge.driver.probes import ANSWER_VALUES
 from bridge.plants.booster.codec import CUSTOM, DAMPING, PREPARE
 from bridge.ros.environment import free_domain
