@@ -223,6 +223,8 @@ def placo_robot(model: RobotModel) -> placo.RobotWrapper:
     robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, _kinematic_urdf(model))
     if tuple(robot.joint_names()) != model.joint_names:
         raise RobotModelError(f"{model.urdf}: placo orders the joints differently from Pinocchio")
+    torso = model.pin.frames[model.frame_id("torso")].parentJoint
+    robot.model.inertias[torso] = model.pin.inertias[torso]  # with the payload of the profile
     robot.state.q = model.standing_configuration()
     robot.update_kinematics()
     data = model.data()

@@ -12,6 +12,7 @@ from models.errors import RobotModelError
 from models.profile import Payload
 from models.robot_model import RobotModel
 from models.types import Vector
+from planners.whole_body_ik import placo_robot
 
 
 def load(folder: Path, mass: float, com: tuple[float, float]) -> RobotModel:
@@ -48,6 +49,13 @@ def test_the_g1_of_mode_machine_2_is_as_unitree_models_it(g1: RobotModel) -> Non
     frictions = [motor.frictionloss for motor in model.profile.motors.values()]
     assert frictions == pytest.approx([np.mean(deviation.frictionloss)] * len(frictions))
     assert model.profile.hardware and model.profile.hardware.mode_machine == 2
+
+
+def test_motions_are_planned_with_the_payload(tmp_path: Path, g1: RobotModel) -> None:
+    """placo has the CoM of the laws: a robot with a payload refused every motion."""
+    com = (0.02, 0.0)
+    loaded, bare = placo_robot(load(tmp_path, 1.8, com)).com_world(), placo_robot(g1).com_world()
+    np.testing.assert_allclose((loaded - bare)[:2], com, atol=1e-9)
 
 
 def test_no_torso_is_left(tmp_path: Path) -> None:
