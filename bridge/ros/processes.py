@@ -302,7 +302,8 @@ def node_parameters(
     extra = {**extra, "balance_controller": {**gait, **extra.get("balance_controller", {})}}
     for name in names:
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}
-        result[name] = {"robot": robot, **timing.get(name, {}), **calibrated, **extra.get(name, {})}
+        # whoever starts the processes brings their nodes up, those that could do so by themselves too
+        result[name] = {"robot": robot, "autostart": False, **timing.get(name, {}), **calibrated, **extra.get(name, {})}
     rate = sensor_rate(extra)
     if rate is not None:
         for name in result.keys() & RATED_NODES:

@@ -59,7 +59,8 @@ class ElevationMap:
     def index(self, points: Matrix) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """Cells of points x, y (n, 2) [m]: their indices (n, 2), and whether they are in the map (n,)."""
         index: NDArray[np.int64] = np.floor(points / self.cell).astype(np.int64) - self.origin
-        return index, np.logical_and(index >= 0, index < self.cells).all(axis=1)
+        i, j = index.T
+        return index, (i >= 0) & (i < self.cells) & (j >= 0) & (j < self.cells)
 
     def at(self, points: Matrix) -> Vector:
         """Heights at points x, y (n, 2) [m]: (n,) [m], nan where unknown."""

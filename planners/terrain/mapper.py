@@ -38,7 +38,7 @@ class TerrainMapper:
     Attributes:
         map: The grid.
         reference: Height of the reference sole in W [m], by the odometry; nan before the first cloud.
-        residual: Last difference of a landed sole to the map below it [m]; nan before the first.
+        residual: Last difference of a landed sole to a level part of the map below it [m]; nan before the first.
 
     Raises:
         ConfigError: The robot's profile has neither depth camera nor lidar.
@@ -141,10 +141,10 @@ class TerrainMapper:
         points = local @ sole.rotation.T + sole.translation
         errors = points[:, 2] - self.reference - self.map.at(points[:, :2])
         feet, rough = self.config.feet, self.config.patches.roughness
-        if np.isnan(errors).any():
+        if np.isnan(errors).any() or np.ptp(errors) > 2.0 * rough:
             return
         self.residual = float(np.median(errors))
-        if np.ptp(errors) <= 2.0 * rough and abs(self.residual) <= feet.limit:
+        if abs(self.residual) <= feet.limit:
             self.map.shift(feet.share * self.residual)
             self._bias += feet.share * self.residual
 
