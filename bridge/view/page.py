@@ -217,9 +217,8 @@ class Page:
                 self._world.position = (*(-snapshot.q[:2] if self._controls.follow else (0.0, 0.0)), 0.0)
                 self.robot.show(snapshot.q)
                 state = self._balance.show(snapshot)
-            if self._map_due.due(time.monotonic()):
-                if unreadable := self._ground.show():
-                    self._controls.report(unreadable)
+            if self._map_due.due(time.monotonic()) and (unreadable := self._ground.show()):
+                self._controls.report(unreadable)
         if not plot:
             return
         words = self._listener.words()
