@@ -24,7 +24,7 @@ class FusionConfig:
     floor: Positive  #: Standard deviation that is left however many points a cell has [m]
     layer: Positive  #: Points lower than so many deviations under a cell's highest are below an edge [-]
     gate: Positive  #: Deviations up to which a measurement agrees with a cell [-]
-    disagree: Positive  #: Added to the variance of a cell that a measurement disagrees with [m^2]
+    disagree: Positive  #: Share of the squared error of a measurement that disagrees, added to the variance [-]
     drift: NonNegative  #: Growth of a height's variance in time [m^2/s]
     step: NonNegative  #: Growth of a height's variance with each change of the stance foot [m^2]
     variance_max: Positive  #: A cell less certain than this is unknown [m^2]

@@ -18,8 +18,8 @@ class ElevationMap:
 
     .. math:: K = P / (P + v), \quad h \leftarrow h + K (m - h), \quad P \leftarrow \max((1 - K) P, s_{floor}^2)
 
-    A measurement outside the gate does not change the height but adds to the variance, so that several in a row
-    replace it. Rays that pass below a cell's height empty it.
+    A measurement outside the gate does not change the height but adds a share of its squared error to the variance, so
+    that some four in a row replace it. Rays that pass below a cell's height empty it.
 
     Attributes:
         origin: Index of the first cell along x and y: cell (i, j) has its middle at ``(origin + (i, j) + 0.5) cell``.
@@ -155,7 +155,7 @@ def _fuse(
             continue
         error = m - height[c]
         if error * error > gate * gate * (p + v):
-            variance[c] = p + disagree
+            variance[c] = p + disagree * error * error
             continue
         gain = p / (p + v)
         height[c] += gain * error

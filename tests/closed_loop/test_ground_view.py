@@ -49,3 +49,33 @@ def test_a_reset_forgets_the_ground_and_a_robot_without_sensors_is_refused() -> 
         _ = ClosedLoop("g1", record=False).ground_view
     with pytest.raises(ConfigError, match="terrain_map: talos has neither"):
         ClosedLoop("talos", terrain_map=True)
+
+
+def test_a_box_that_appears_is_in_the_map_within_a_second_and_gone_within_another() -> None:
+    """Its near face is 0.8 m ahead; once it is gone the rays that pass there say so."""
+    loop = ClosedLoop("g1", seed=4, terrain="box", terrain_map=True, record=False)
+    grid = loop.ground_view.mapper.map
+    across = np.arange(-0.15, 0.15, 0.02)
+    face = np.array([[x, y] for x in (0.77, 0.79, 0.81, 0.83) for y in across])
+    floor = np.array([[0.6, y] for y in across])
+    loop.run(1.0)
+    assert np.nanmax(np.abs(grid.at(np.concatenate([face, floor])))) < 0.03
+    loop.plant.obstacle.place(1.0, 0.0)
+    loop.run(1.0)
+    highest = np.nanmax(grid.at(face).reshape(4, -1), axis=0)
+    assert highest.min() > 0.3 and np.nanmax(np.abs(grid.at(floor))) < 0.03
+    loop.plant.obstacle.remove()
+    loop.run(1.0)
+    assert np.nanmax(np.abs(grid.at(face))) < 0.03
+    assert (grid.known & (grid.height > 0.1)).sum() < 5
+
+
+def test_a_camera_that_is_blind_for_two_seconds_leaves_the_map_as_it_was() -> None:
+    loop = ClosedLoop("g1", seed=5, terrain="tiles", terrain_map=True, record=False)
+    view = loop.ground_view
+    loop.run(1.0)
+    before, known = view.mapper.map.height.copy(), view.mapper.map.known
+    view._sensors.clear()
+    loop.run(2.0)
+    np.testing.assert_allclose(view.mapper.map.height[known], before[known], atol=0.005)
+    assert (view.mapper.map.known | ~known).mean() > 0.99

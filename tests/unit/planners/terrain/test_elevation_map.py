@@ -60,15 +60,18 @@ def test_the_upper_of_two_levels_counts(grid: ElevationMap) -> None:
     assert grid.at(np.array([[0.51, 0.31]])) == pytest.approx([0.2])
 
 
-def test_a_wrong_height_is_not_believed_at_once_and_replaced_if_it_stays(grid: ElevationMap) -> None:
-    place = np.array([[0.51, 0.31]])
+@pytest.mark.parametrize("rise", [0.06, 0.15, 0.7, -0.3])
+def test_a_wrong_height_is_not_believed_at_once_and_replaced_if_it_stays(grid: ElevationMap, rise: float) -> None:
+    i, j = grid.index(np.array([[0.51, 0.31]]))[0][0]
     for k in range(5):
         measure(grid, float(k), [[0.51, 0.31, 0.0]], 0.005)
-    measure(grid, 5.0, [[0.51, 0.31, 0.15]], 0.005)
-    assert grid.at(place) == pytest.approx([0.0])
-    for k in range(6, 16):
-        measure(grid, float(k), [[0.51, 0.31, 0.15]], 0.005)
-    assert grid.at(place) == pytest.approx([0.15], abs=0.005)
+    measure(grid, 5.0, [[0.51, 0.31, rise]], 0.005)
+    assert grid.height[i, j] == pytest.approx(0.0)
+    measure(grid, 6.0, [[0.51, 0.31, 0.0]], 0.005)  # it was an outlier
+    assert grid.known[i, j] and grid.height[i, j] == pytest.approx(0.0)
+    for k in range(7, 13):
+        measure(grid, float(k), [[0.51, 0.31, rise]], 0.005)
+    assert grid.known[i, j] and grid.height[i, j] == pytest.approx(rise, abs=0.005)
 
 
 def test_a_ray_below_a_height_empties_the_cell_and_one_above_does_not(grid: ElevationMap) -> None:
