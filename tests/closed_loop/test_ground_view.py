@@ -22,6 +22,8 @@ def test_the_ground_ahead_of_a_walk_is_known_to_a_centimetre(name: str) -> None:
         errors.append(score(loop, Ground(terrain), area))
     found = np.concatenate(errors)
     assert not loop.fallen and np.isfinite(found).mean() > 0.95
+    depth = loop.robot.profile.sensors.depth
+    assert depth is not None and min(loop.ground_view.delays) >= depth.latency - 1e-9
     assert np.sqrt(np.nanmean(found**2)) < 0.01
 
 
