@@ -110,6 +110,11 @@ def test_the_robot_is_left_out_and_the_ground_beside_it_is_not(g1: RobotModel, m
     for foot in g1.feet:
         sole, x = data.oMf[foot.frame_id], rng.uniform(*foot.rectangle[:2], size=40)
         own.append(np.column_stack([x, np.zeros(40), np.full(40, 0.04)]) @ sole.rotation.T + sole.translation)
+    for side in ("left", "right"):  # wrists and ankles have no hull
+        for name in ("wrist_roll", "wrist_pitch", "wrist_yaw", "ankle_pitch"):
+            own.append(
+                data.oMi[g1.pin.getJointId(f"{side}_{name}_joint")].translation + rng.uniform(-0.03, 0.03, (40, 3))
+            )
     mapper.update(cloud_of(g1, q, np.concatenate(own), frame=LIDAR_FRAME), Posture(q, RIGHT))
     assert not mapper.map.known.any()
     beside = ground(0.0, np.array([[0.0, -0.3], [0.25, 0.1], [0.05, -0.2], [0.4, 0.0]]))
