@@ -38,15 +38,16 @@ class BodyFilter:
         capsules: list[_Capsule] = []
         for hull in robot.profile.hulls.values():
             link = robot.pin.frames[robot.pin.getFrameId(hull.link, pin.FrameType.BODY)]
-            ends = [_End(link.parentJoint, link.placement.act(np.array(end))) for end in (hull.start, hull.end)]
-            capsules.append(_Capsule(*ends, hull.radius + config.margin))
+            start, end = (_End(link.parentJoint, link.placement.act(np.array(x))) for x in (hull.start, hull.end))
+            capsules.append(_Capsule(start, end, hull.radius + config.margin))
         for foot in robot.feet:
             sole = robot.pin.frames[foot.frame_id]
             x_min, x_max, y_min, y_max = foot.rectangle
             middle = 0.5 * (y_min + y_max)
             # the capsule ends at the sole: below it there is ground
             places = [sole.placement.act(np.array([x, middle, config.foot])) for x in (x_min, x_max)]
-            capsules.append(_Capsule(*(_End(sole.parentJoint, place) for place in places), config.foot))
+            start, end = (_End(sole.parentJoint, place) for place in places)
+            capsules.append(_Capsule(start, end, config.foot))
         capsules += _between(robot, capsules)
         self._capsules, self._radii = capsules, np.array([capsule.radius for capsule in capsules])
 
