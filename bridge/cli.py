@@ -114,6 +114,9 @@ def up(
     ] = None,
     actions: Annotated[bool, typer.Option(help="Offer actions, in a separate process.")] = True,
     camera: Annotated[bool, typer.Option(help="Render the robot's camera, in a separate process.")] = False,
+    terrain_map: Annotated[
+        bool, typer.Option(help="Cast depth camera and lidar, and map the ground, in two separate processes.")
+    ] = False,
     motions: Annotated[Path | None, typer.Option(help="Folder of further motion files.")] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of every node, topic and service, such as robot_1.")] = "",
     robots: Annotated[
@@ -166,6 +169,8 @@ def up(
         raise typer.BadParameter("--robots names the namespaces: --namespace goes with one robot")
     if several and camera:
         raise typer.BadParameter("--camera goes with one robot: it does not draw the others")
+    if terrain_map and (several or plant != "mujoco"):
+        raise typer.BadParameter("--terrain-map goes with one simulated robot; beside others run terrain_mapper alone")
     if several and plant != "mujoco":
         raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
     hardware: dict[str, Any] = {}
@@ -194,6 +199,7 @@ def up(
             "robot_driver": driver,
             "state_estimator": {"friction.expected": expected_friction},
             **({"camera_node": {"terrain": terrain}} if camera else {}),
+            **({"range_sensor_node": {"terrain": terrain}} if terrain_map else {}),
             **own,
         },
         "calibration": calibration,
@@ -203,7 +209,9 @@ def up(
         options["parameters"].update({name: {**own.get(name, {}), **more} for name, more in hardware["rates"].items()})
         options |= {name: hardware[name] for name in ("robot_network", "ending")}
     raise typer.Exit(
-        up_world(several, **options) if several else launch(robot, namespace=namespace, camera=camera, **options)
+        up_world(several, **options)
+        if several
+        else launch(robot, namespace=namespace, camera=camera, terrain_map=terrain_map, **options)
     )
 
 

@@ -7,6 +7,7 @@ from typing import Literal
 import mujoco
 
 from bridge.calibrating import Calibrator
+from bridge.loop.ground_view import GroundView
 from bridge.loop.lockstep import Lockstep
 from bridge.loop.log import LoopBlackBox, LoopLog, make_recorder
 from bridge.loop.obstacle_guard import ObstacleGuard
@@ -70,6 +71,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         calibration: Calibration of the sensors; optional.
         faults: Faults of sensors and motors, injected at the release of the base by default; see ``docs/faults.md``.
         obstacle_stop: Whether a walk stops when the scanner of the robot detects ``plant.obstacle`` ahead.
+        terrain_map: Whether depth camera and lidar map the ground; the map is that of ``ground_view.mapper``.
         start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
         black_box: Folder for the files of a black box, one for each fault that damps the robot; optional.
         mcap: File for a recording that ``poise replay`` reproduces, complete at ``close``; optional. ``reset`` restarts
@@ -107,6 +109,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         calibration: Calibration | None = None,
         faults: Faults | None = None,
         obstacle_stop: bool = False,
+        terrain_map: bool = False,
         start: Literal["stand", "hang"] = "stand",
         black_box: Path | None = None,
         mcap: Path | None = None,
@@ -173,6 +176,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         if obstacle_stop:
             self._guard = ObstacleGuard(self._lockstep, seed, float(sensor_noise), self._note)
             self.stack.velocity_input = self._guard
+        self._ground_view = GroundView(self._lockstep, terrain, seed, float(sensor_noise)) if terrain_map else None
         try:
             (self.hang if start == "hang" else self.reset)()
         except PoiseError:
@@ -252,6 +256,13 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         return self.stack.gait
 
     @property
+    def ground_view(self) -> GroundView:
+        """Range sensors and terrain mapper; ``PoiseError`` without ``terrain_map``."""
+        if self._ground_view is None:
+            raise PoiseError("ground_view: this loop maps no ground; make it with terrain_map=True")
+        return self._ground_view
+
+    @property
     def model(self) -> mujoco.MjModel:
         """The MuJoCo model."""
         return self.plant.model
@@ -276,6 +287,8 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         self.events.clear()
         if self._guard is not None:
             self._guard.reset(seed)
+        if self._ground_view is not None:
+            self._ground_view.reset(seed)
 
     @property
     def calibration(self) -> Calibration | None:
@@ -362,6 +375,8 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         self._lockstep.after_physics()
         if self._guard is not None:
             self._guard.step()
+        if self._ground_view is not None:
+            self._ground_view.step()
 
     def _record(self) -> None:
         lockstep = self._lockstep

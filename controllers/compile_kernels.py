@@ -18,6 +18,7 @@ LAWS = (
         "controllers.estimation.estimator:StateEstimator",
         "planners.gait.planner:GaitPlanner",
         "controllers.safety.joint_monitor:JointMonitor",
+        "planners.terrain.mapper:TerrainMapper",
     ),
 )
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.profile import CameraSensor
+from models.range_sensor import DepthSensor
 from models.types import Matrix, Vector
 
 
@@ -25,7 +26,7 @@ class Pinhole:
     centre: tuple[float, float]  # c on the optical axis; the middle of the first pixel is (0, 0) [pixel]
 
     @classmethod
-    def of(cls, camera: CameraSensor) -> Pinhole:
+    def of(cls, camera: CameraSensor | DepthSensor) -> Pinhole:
         """The ideal camera of a profile: square pixels, the axis through the middle of the picture."""
         focal = 0.5 * camera.width / math.tan(0.5 * camera.horizontal_fov)
         middle = 0.5 * (camera.width - 1), 0.5 * (camera.height - 1)
@@ -36,6 +37,13 @@ class Pinhole:
         """Camera matrix K (3, 3)."""
         (fx, fy), (cx, cy) = self.focal, self.centre
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def rays(self) -> Matrix:
+        """Direction of each pixel in the optical frame, row by row, with z = 1 (height width, 3)."""
+        v, u = np.indices((self.height, self.width)).reshape(2, -1)
+        (fx, fy), (cx, cy) = self.focal, self.centre
+        return np.column_stack([(u - cx) / fx, (v - cy) / fy, np.ones(self.width * self.height)])
 
     def project(self, point: Vector) -> Vector:
         """Pixel (2,) that sees a point in front of the camera (3,) [m]."""

@@ -14,6 +14,7 @@ from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, NonNegative, Positive, Share, merged, parse_config, read_yaml
 from models.errors import ConfigError
+from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, DepthSensor, LidarSensor
 from models.types import Vector3
 from models.urdf import resolve_uri
 
@@ -209,6 +210,8 @@ class Sensors:
     latency: Latency
     scan: ScanSensor | None = None
     camera: CameraSensor | None = None
+    depth: DepthSensor | None = None
+    lidar: LidarSensor | None = None
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -295,10 +298,10 @@ class Profile:
         for frame in RESERVED_FRAMES:
             if frame in self.frames:
                 raise ValueError(f"frames: '{frame}' is defined by the loader; remove it here")
-        if self.sensors.scan is not None and "scan" not in self.frames:
-            raise ValueError("frames: 'scan' is missing, where sensors.scan is mounted")
-        if self.sensors.camera is not None and CAMERA_FRAME not in self.frames:
-            raise ValueError(f"frames: '{CAMERA_FRAME}' is missing, where sensors.camera is mounted")
+        mounts = {"scan": "scan", "camera": CAMERA_FRAME, "depth": DEPTH_FRAME, "lidar": LIDAR_FRAME}
+        for sensor, frame in mounts.items():
+            if getattr(self.sensors, sensor) is not None and frame not in self.frames:
+                raise ValueError(f"frames: '{frame}' is missing, where sensors.{sensor} is mounted")
         for name in () if self.head is None else (self.head.pan, self.head.tilt):
             if name not in self.joints:
                 raise ValueError(f"head: unknown joint '{name}'")

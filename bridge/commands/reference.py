@@ -18,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from bridge.nodes.action_server import ActionServerNode
 from bridge.nodes.camera_node import CameraNode
+from bridge.nodes.range_sensor_node import RangeSensorNode
 from bridge.nodes.robot_driver import RobotDriver
 from bridge.ros.environment import free_domain, join_graph
 from controllers.nodes.balance_controller import BalanceControllerNode
@@ -33,6 +34,7 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from planners.nodes.gait_planner import GaitPlannerNode
 from planners.nodes.motion_planner import MotionPlannerNode
+from planners.nodes.terrain_mapper import TerrainMapperNode
 
 #: Class of each node by its default name
 NODES: Mapping[str, type[Any]] = {
@@ -47,6 +49,8 @@ NODES: Mapping[str, type[Any]] = {
     "foot_sensor_node": FootSensorNode,
     "motor_controller": MotorControllerNode,
     "camera_node": CameraNode,
+    "range_sensor_node": RangeSensorNode,
+    "terrain_mapper": TerrainMapperNode,
     "vision_node": VisionNode,
 }
 

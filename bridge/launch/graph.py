@@ -293,6 +293,7 @@ def up(
     processes: Processes = "shared",
     actions: bool = False,
     camera: bool = False,
+    terrain_map: bool = False,
     quiet: bool = False,
     robot_network: RobotNetwork | None = None,
     ending: EndConfig | None = None,
@@ -300,14 +301,16 @@ def up(
 ) -> int:
     """Run the graph until SIGINT or SIGTERM, or for a ``duration`` [s].
 
-    Actions and the camera run in separate processes; actions are omitted when their types are missing.
+    Actions, the camera, and range sensors and terrain mapper run in separate processes; actions are omitted when their
+    types are missing.
     ``robot_network`` is that of a real robot, which only the processes of driver and guard join, and ``ending`` its
     end. Other arguments and options are those of ``Graph``. Returns the exit code: 0 after a signal or the end of
     ``duration``, 1 when the graph cannot be kept running.
     """
 
     def make(say: Callable[[str], object]) -> Graph:
-        specs = process_specs(processes, actions=actions_possible(actions, say), camera=camera)
+        offered = actions_possible(actions, say)
+        specs = process_specs(processes, actions=offered, camera=camera, terrain_map=terrain_map)
         if robot_network is not None:
             specs = robot_network.processes(specs, robot)
         return Graph(robot, specs=specs, say=say, **options)

@@ -25,8 +25,9 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "network_interface": ("", "Of this computer, to a real robot"),
     "robot_domain": ("0", "DDS domain of a real robot"),
     "camera": ("false", "Whether to draw the robot's camera, in a process of its own"),
+    "terrain_map": ("false", "Whether to cast depth camera and lidar, and map the ground, in two further processes"),
 }
-FLAGS = ("lockstep", "network", "camera")
+FLAGS = ("lockstep", "network", "camera", "terrain_map")
 
 END_TIME = "15.0"  #: ``poise up`` gives its processes 9 s to end [s]
 
@@ -40,7 +41,7 @@ def command(given: Mapping[str, str]) -> list[str]:
         elif value.lower() not in ("true", "false"):
             raise ValueError(f"{name}: '{value}' is neither true nor false")
         elif value.lower() == "true":
-            line.append(f"--{name}")
+            line.append(f"--{name.replace('_', '-')}")
     return line
 
 

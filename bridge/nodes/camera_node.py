@@ -8,24 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PointStamped, PoseStamped
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from geometry_msgs.msg import PointStamped
+from sensor_msgs.msg import CameraInfo, Image
 
+from bridge.nodes.true_states import TrueStates
 from bridge.plants.config import CameraConfig
 from bridge.record.render import GL_ADVICE
 from controllers.nodes.estimate_topics import Due
 from models.camera import Pinhole
 from models.config import default_config
-from models.errors import ConfigError, MessageError, PoiseError
+from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.cdr import NANOSECONDS, stamp_of
-from models.nodes.messages import JointStateCodec
-from models.nodes.odometry import OdometryCodec
+from models.nodes.cdr import NANOSECONDS
 from models.nodes.parameters import declare_config, describe
 from models.nodes.perception import image_message, info_message
-from models.nodes.qos import EVENT, SENSOR, STATE
+from models.nodes.qos import EVENT, STATE
 from models.nodes.spin import run
 from models.terrain import FLAT, terrain_named
 from models.types import Vector
@@ -45,7 +43,6 @@ class CameraNode(PoiseNode):
         text = describe("Ground of the simulated world, as the driver has it: flat, tiles, box, ...")
         self._terrain = str(self.declare_parameter("terrain", FLAT, text).value)
         self._camera: SimulatedCamera | None = None
-        self._odometry = b""
         self._took = 0.0
 
     def configure(self) -> None:
@@ -56,13 +53,10 @@ class CameraNode(PoiseNode):
         terrain_named(self._terrain)
         self._period = round(NANOSECONDS / sensor.rate)
         self._pinhole = Pinhole.of(sensor)
-        self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(self.model)
         self._images = self.announce(Image, topics.CAMERA_IMAGE, STATE)
         self._infos = self.announce(CameraInfo, topics.CAMERA_INFO, STATE)
-        self.listen(Odometry, topics.GROUND_TRUTH, self._on_odometry, SENSOR, raw=True)
-        self.listen(PoseStamped, topics.GROUND_TRUTH_OBSTACLE, self._on_obstacle, SENSOR)
         self.listen(PointStamped, topics.CAMERA_TARGET, self._on_target, EVENT)
-        self.listen(JointState, topics.GROUND_TRUTH_JOINTS, self._on_joints, SENSOR, raw=True)
+        TrueStates(self, self._is_due, self._draw, self._on_obstacle)
 
     def activate(self) -> None:
         self._due = Due(self._period)
@@ -89,13 +83,9 @@ class CameraNode(PoiseNode):
             return f"{GL_ADVICE} (starting it failed: {type(error).__name__}: {error})"
         return ""
 
-    def _on_odometry(self, data: bytes) -> None:
-        self._odometry = data
-
-    def _on_obstacle(self, message: Any) -> None:
+    def _on_obstacle(self, centre: Vector) -> None:
         if self._camera is not None:
-            place = message.pose.position
-            self._camera.obstacle = np.array([place.x, place.y, place.z])
+            self._camera.obstacle = centre
 
     def _on_target(self, message: Any) -> None:
         point = np.array([message.point.x, message.point.y, message.point.z])
@@ -106,22 +96,15 @@ class CameraNode(PoiseNode):
         elif self._camera is not None:
             self._camera.target = point
 
-    def _on_joints(self, data: bytes) -> None:
-        """Render a true state once base and joints of the same tick have arrived."""
-        camera = self._camera
-        if camera is None or not self.active or not self._images.get_subscription_count():
-            return
-        try:
-            stamp = stamp_of(data)
-            if not self._odometry or stamp_of(self._odometry) != stamp or not self._due(stamp):
-                return
-            joints = self._joints_codec.decode(data)[1]
-            pose: Vector = self._odometry_codec.decode(self._odometry)[1]
-        except MessageError as error:
-            self.refuse(topics.GROUND_TRUTH_JOINTS, error)
+    def _is_due(self, stamp: int) -> bool:
+        return self._camera is not None and self._images.get_subscription_count() > 0 and self._due(stamp)
+
+    def _draw(self, stamp: int, q: Vector) -> None:
+        """Draw a true state with a stamp [ns]."""
+        if self._camera is None:
             return
         begin = time.monotonic()
-        picture = camera.render(np.concatenate([pose, joints]))
+        picture = self._camera.render(q)
         self._infos.publish(info_message(stamp, self._pinhole))
         self._images.publish(image_message(stamp, picture))
         self._took = time.monotonic() - begin

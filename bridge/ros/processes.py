@@ -232,6 +232,8 @@ SUPERVISOR = ProcessSpec("controllers.nodes.supervisor", ("supervisor",))
 
 ACTIONS = ProcessSpec("bridge.nodes.action_server", ("action_server",), optional=True)
 CAMERA = ProcessSpec("bridge.nodes.camera_node", ("camera_node",), optional=True)
+RANGES = ProcessSpec("bridge.nodes.range_sensor_node", ("range_sensor_node",), optional=True)
+TERRAIN = ProcessSpec("planners.nodes.terrain_mapper", ("terrain_mapper",), optional=True)
 
 REALTIME_NODES = ("robot_driver", "state_estimator", "balance_controller")
 #: Where permitted, the processes of the tick run before everything else and keep their memory
@@ -249,10 +251,13 @@ RATED_NODES = frozenset({"balance_controller", "supervisor"})  #: Nodes that cou
 LOCKSTEP_NODES = frozenset({"robot_driver", "state_estimator", "balance_controller", "supervisor"})
 
 
-def process_specs(processes: Processes = "shared", *, actions: bool = False, camera: bool = False) -> list[ProcessSpec]:
+def process_specs(
+    processes: Processes = "shared", *, actions: bool = False, camera: bool = False, terrain_map: bool = False
+) -> list[ProcessSpec]:
     """Processes of the graph, the plant's first; gait planner, controller and estimator in one, or all separate."""
     control = [CONTROL] if processes == "shared" else [GAIT, CONTROLLER, ESTIMATOR]
-    return [BRIDGE, *control, PLANNER, SUPERVISOR, *([ACTIONS] if actions else []), *([CAMERA] if camera else [])]
+    seeing = [*([CAMERA] if camera else []), *([RANGES, TERRAIN] if terrain_map else [])]
+    return [BRIDGE, *control, PLANNER, SUPERVISOR, *([ACTIONS] if actions else []), *seeing]
 
 
 def activation_order(specs: Sequence[ProcessSpec]) -> list[str]:
@@ -297,7 +302,8 @@ def node_parameters(
     extra = {**extra, "balance_controller": {**gait, **extra.get("balance_controller", {})}}
     for name in names:
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}
-        result[name] = {"robot": robot, **timing.get(name, {}), **calibrated, **extra.get(name, {})}
+        # whoever starts the processes brings their nodes up, those that could do so by themselves too
+        result[name] = {"robot": robot, "autostart": False, **timing.get(name, {}), **calibrated, **extra.get(name, {})}
     rate = sensor_rate(extra)
     if rate is not None:
         for name in result.keys() & RATED_NODES:

@@ -38,6 +38,7 @@ class ViewConfig:
 
     rate: Positive
     plot_rate: Positive
+    map_rate: Positive
     plot_window: Positive
     force_scale: Positive
     force_least: Positive

@@ -13,6 +13,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from bridge.ros.client import Client
 from bridge.ros.operator import Operator
 from bridge.view.controls import Controls, LivePlots
+from bridge.view.ground import GroundScene
 from bridge.view.listener import Listener, ViewConfig
 from bridge.view.scene import WORLD, BalanceScene, RobotScene
 from bridge.view.server import CAMERA, serve
@@ -165,6 +166,8 @@ class Page:
         self._listener = Listener(model, client, self._config)
         self.robot = RobotScene(scene, model)
         self._balance = BalanceScene(scene, model, self._config)
+        self._ground = GroundScene(scene, client.node, self._config.silence)
+        self._map_due = Every(self._config.map_rate, time.monotonic())
         self._operator = Operator(client, lambda text: self._controls.report(text), signer)
         words = (*default_config(SupervisorConfig, "controllers", "supervisor").motions, "stop")
         limits = load_gait_config(model).velocity
@@ -214,6 +217,8 @@ class Page:
                 self._world.position = (*(-snapshot.q[:2] if self._controls.follow else (0.0, 0.0)), 0.0)
                 self.robot.show(snapshot.q)
                 state = self._balance.show(snapshot)
+            if self._map_due.due(time.monotonic()) and (unreadable := self._ground.show()):
+                self._controls.report(unreadable)
         if not plot:
             return
         words = self._listener.words()

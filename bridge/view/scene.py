@@ -161,13 +161,13 @@ class BalanceScene:
     def _show_polygon(self, snapshot: Snapshot, state: Balance, floor: float) -> None:
         loaded = snapshot.wrenches[:, 2] > LOADED_FRACTION * self._model.mass * GRAVITY
         polygon = support_polygon(tuple(state.corners[loaded])) if loaded.any() else np.empty((0, 2))
-        lines = _closed(np.column_stack([polygon, np.full(len(polygon), floor + LIFT)]))
+        lines = closed(np.column_stack([polygon, np.full(len(polygon), floor + LIFT)]))
         self._draw(f"{WORLD}/balance/polygon", len(lines) > 0, self._scene.add_line_segments, lines, COLORS["polygon"])
 
     def _show_footsteps(self, snapshot: Snapshot, floor: float) -> None:
         for side, name in enumerate(("left", "right")):
             holds = [hold for foot, hold in snapshot.footsteps if foot == side]
-            lines = [_closed(outline(hold, self._corners[side], floor + LIFT)) for hold in holds]
+            lines = [closed(outline(hold, self._corners[side], floor + LIFT)) for hold in holds]
             drawn = np.concatenate(lines) if lines else np.empty((0, 2, 3))
             self._draw(f"{WORLD}/gait/{name}", len(drawn) > 0, self._scene.add_line_segments, drawn, COLORS[name])
 
@@ -184,7 +184,7 @@ class BalanceScene:
         """The same as an HTML element of lines for ``page.js``: ends in W, width [px], colour."""
         parents, frames = self._model.pin.parents, robot.frames
         links = [[frames[parents[i]].position, frames[i].position] for i in frames if parents[i] in frames]
-        bones = np.concatenate([links, *map(_closed, state.corners)])
+        bones = np.concatenate([links, *map(closed, state.corners)])
         dots = [(np.array([[ball.position] * 2]), ball.color, DOT) for ball in self.balls.values() if ball.visible]
         thin = [(points, colors, THIN) for points, colors in self._lines.values()]
         lines = [
@@ -204,6 +204,6 @@ def outline(hold: Foothold, corners: Matrix, height: float) -> Matrix:
     return np.column_stack([turned + np.array([hold.x, hold.y]), np.full(len(corners), height)])
 
 
-def _closed(points: Matrix) -> Matrix:
+def closed(points: Matrix) -> Matrix:
     """Closed line segments through points (n, 3): (n, 2, 3)."""
     return np.stack([points, np.roll(points, -1, axis=0)], axis=1)

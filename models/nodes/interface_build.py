@@ -30,6 +30,7 @@ PACKAGES = {
     "poise_interfaces": ("geometry_msgs", "trajectory_msgs"),
     "control_msgs": ("trajectory_msgs", "geometry_msgs"),
     "tf2_msgs": ("geometry_msgs",),
+    "grid_map_msgs": ("geometry_msgs",),
     "example_interfaces": (),
     "unitree_hg": (),
     "unitree_api": (),

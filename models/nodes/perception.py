@@ -1,21 +1,25 @@
-"""Camera and laser scanner: sensor_msgs/Image, CameraInfo and LaserScan."""
+"""Cameras, laser scanner and point clouds: sensor_msgs/Image, CameraInfo, LaserScan and PointCloud2."""
 
 from array import array
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2, PointField
 
 from models.camera import Pinhole
 from models.errors import MessageError
 from models.nodes.messages import set_stamp, stamp_ns, to_seconds
 from models.profile import CAMERA_FRAME
+from models.range_sensor import DEPTH_FRAME, POINTS_MAX, PointCloud, check_cloud
 from models.scan import SCAN_FRAME, Scan, check_scan
+from models.types import Matrix
 
 Picture = NDArray[np.uint8]  #: Rows of pixels of red, green, blue (height, width, 3)
 #: Encodings that are read, and the order of their channels
 ENCODINGS = {"rgb8": slice(None), "bgr8": slice(None, None, -1)}
+DEPTH_UNIT = 0.001  #: Of the numbers of a depth picture of encoding 16UC1, as depth cameras send them [m]
+_COORDINATES = ("x", "y", "z")
 
 
 def image_message(stamp: int, picture: Picture) -> Any:
@@ -40,11 +44,59 @@ def picture_of(message: Any) -> Picture:
     return picture
 
 
-def info_message(stamp: int, camera: Pinhole) -> Any:
-    """sensor_msgs/CameraInfo with a stamp [ns] of a camera without distortion."""
+def depth_message(stamp: int, depth: Matrix) -> Any:
+    """sensor_msgs/Image of encoding 16UC1 with a stamp [ns], of depths (height, width) [m]; nan becomes 0."""
+    height, width = depth.shape
+    message = Image(height=height, width=width, encoding="16UC1", step=2 * width)
+    set_stamp(message.header.stamp, stamp)
+    message.header.frame_id = DEPTH_FRAME
+    steps = np.clip(np.rint(np.nan_to_num(depth) / DEPTH_UNIT), 0, 65535)
+    message.data = array("B", steps.astype("<u2").tobytes())
+    return message
+
+
+def cloud_message(stamp: int, cloud: PointCloud) -> Any:
+    """sensor_msgs/PointCloud2 with a stamp [ns]: x, y and z as 32-bit floats, one row."""
+    count = len(cloud.points)
+    fields = [PointField(name=x, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, x in enumerate("xyz")]
+    message = PointCloud2(height=1, width=count, fields=fields, point_step=12, row_step=12 * count, is_dense=True)
+    set_stamp(message.header.stamp, stamp)
+    message.header.frame_id = cloud.frame
+    message.data = array("B", cloud.points.astype("<f4").tobytes())
+    return message
+
+
+def cloud_from_message(message: Any) -> PointCloud:
+    """Cloud of a sensor_msgs/PointCloud2 with x, y and z of 32-bit floats, in any layout; points of nan are dropped.
+
+    Raises ``MessageError`` for a missing coordinate, another type, inconsistent sizes, or by ``check_cloud``.
+    """
+    count, step, order = message.width * message.height, message.point_step, ">" if message.is_bigendian else "<"
+    offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
+    missing = [name for name in _COORDINATES if name not in offsets]
+    if missing:
+        raise MessageError(f"fields: no {', '.join(missing)} of type FLOAT32")
+    sized = message.row_step == message.width * step and len(message.data) == message.height * message.row_step
+    if not sized or count > POINTS_MAX or any(offsets[name] + 4 > step for name in _COORDINATES):
+        raise MessageError(
+            f"data: {len(message.data)} bytes, {message.height} rows of {message.row_step}, for {message.width} points"
+            f" of {step} bytes each, at most {POINTS_MAX}"
+        )
+    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(count, step)
+    columns = [rows[:, offsets[name] : offsets[name] + 4].copy().view(f"{order}f4")[:, 0] for name in _COORDINATES]
+    xyz = np.column_stack(columns).astype(np.float64)
+    cloud = PointCloud(
+        to_seconds(stamp_ns(message.header.stamp)), message.header.frame_id, xyz[np.isfinite(xyz).all(axis=1)]
+    )
+    check_cloud(cloud)
+    return cloud
+
+
+def info_message(stamp: int, camera: Pinhole, frame: str = CAMERA_FRAME) -> Any:
+    """sensor_msgs/CameraInfo with a stamp [ns] of a camera without distortion in an optical frame."""
     message = CameraInfo(height=camera.height, width=camera.width, distortion_model="plumb_bob", d=[0.0] * 5)
     set_stamp(message.header.stamp, stamp)
-    message.header.frame_id = CAMERA_FRAME
+    message.header.frame_id = frame
     message.k, message.r = camera.matrix.ravel(), np.eye(3).ravel()
     message.p = np.column_stack([camera.matrix, np.zeros(3)]).ravel()
     return message

@@ -247,10 +247,10 @@ def _sole(shape: SoleShape) -> Sole:
 
 
 def _sensors(mass: float) -> Sensors:
-    """The sensors of the G1 without scanner and camera; the data of the foot sensors scale with the robot's mass."""
+    """The sensors of the G1 without those that look around; data of the foot sensors scale with the robot's mass."""
     pattern = load_profile(_PATTERN)
     sensors = pattern.sensors
     ratio = mass / _PATTERN_MASS
     weighed = [f"{kind}_{what}" for kind in ("force", "torque") for what in ("noise", "offset", "range", "resolution")]
     feet: dict[str, Any] = {key: float(f"{ratio * getattr(sensors.feet, key):.2g}") for key in weighed}
-    return replace(sensors, feet=replace(sensors.feet, **feet), scan=None, camera=None)
+    return replace(sensors, feet=replace(sensors.feet, **feet), scan=None, camera=None, depth=None, lidar=None)

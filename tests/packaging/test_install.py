@@ -67,6 +67,7 @@ def test_every_node_is_an_executable_of_its_package() -> None:
     assert set(nodes) >= {
         "robot_driver", "state_estimator", "balance_controller", "gait_planner", "motion_planner", "supervisor",
         "imu_node", "foot_sensor_node", "motor_controller", "camera_node", "vision_node",
+        "range_sensor_node", "terrain_mapper",
     }  # fmt: skip
     for name, value in nodes.items():
         wrapper = PREFIX / "lib" / value.split(".")[0] / name

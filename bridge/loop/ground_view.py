@@ -1,0 +1,71 @@
+"""Depth camera, lidar and terrain mapper beside the closed loop, at their rates and with their latencies."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+
+from bridge.loop.lockstep import Lockstep
+from bridge.plants.range_sensors import RayWorld, SimulatedDepthCamera, SimulatedLidar
+from models.errors import ConfigError
+from models.range_sensor import PointCloud
+from models.terrain import Terrain
+from planners.terrain.mapper import Posture, TerrainMapper
+
+
+class GroundView:
+    """Casts the rays of a robot's range sensors from its true state, and maps them with its estimate.
+
+    Attributes:
+        mapper: The law.
+        delays: From the light of each cloud to its map: latency, and the time of the update on this processor [s].
+        costs: Processor time of each update by the frame of its sensor [s].
+    """
+
+    def __init__(self, lockstep: Lockstep, terrain: str | Terrain, seed: int, noise: float) -> None:
+        self._lockstep, robot = lockstep, lockstep.plant.robot
+        self._world = RayWorld(robot, terrain)
+        sensors = robot.profile.sensors
+        self._sensors: list[SimulatedDepthCamera | SimulatedLidar] = []
+        if sensors.depth is not None:
+            self._sensors.append(SimulatedDepthCamera(self._world, seed, noise))
+        if sensors.lidar is not None:
+            self._sensors.append(SimulatedLidar(self._world, seed, noise))
+        if not self._sensors:
+            raise ConfigError(f"terrain_map: {robot.name} has neither sensors.depth nor sensors.lidar")
+        self.mapper = TerrainMapper(robot)
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget the ground; a seed replaces the present one."""
+        self.mapper.reset()
+        self.delays: list[float] = []
+        self.costs: dict[str, list[float]] = {}
+        self._due = [0.0] * len(self._sensors)
+        self._waiting: list[deque[tuple[float, PointCloud, Posture]]] = [deque() for _ in self._sensors]
+        for sensor in self._sensors:
+            sensor.reset(seed)
+
+    def step(self) -> None:
+        """Measure what is due after a tick, and map what has arrived."""
+        t = self._lockstep.plant.t
+        for i, sensor in enumerate(self._sensors):
+            if t >= self._due[i]:
+                self._due[i] = t + 1.0 / sensor.config.rate
+                self._waiting[i].append((t + sensor.config.latency, *self._measure(sensor.cloud)))
+            while self._waiting[i] and self._waiting[i][0][0] <= t:
+                _, cloud, posture = self._waiting[i].popleft()
+                self._map(cloud, posture)
+
+    def _measure(self, cloud: Callable[[float], PointCloud]) -> tuple[PointCloud, Posture]:
+        plant, state = self._lockstep.plant, self._lockstep.stack.state
+        self._world.obstacle = plant.obstacle.centre
+        self._world.set(plant.truth.q)
+        left, right = state.contacts
+        return cloud(plant.t), Posture(state.q.copy(), (left.active, right.active))
+
+    def _map(self, cloud: PointCloud, posture: Posture) -> None:
+        begin = time.thread_time()
+        self.mapper.update(cloud, posture)
+        took = time.thread_time() - begin
+        self.costs.setdefault(cloud.frame, []).append(took)
+        self.delays.append(self._lockstep.plant.t - cloud.t + took)

@@ -1,0 +1,139 @@
+"""Node ``range_sensor_node``: depth camera and lidar of the simulated robot, cast beside the plant."""
+
+import os
+import sys
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
+from bridge.nodes.camera_node import NICENESS
+from bridge.nodes.true_states import TrueStates
+from bridge.plants.range_sensors import RayWorld, SimulatedDepthCamera, SimulatedLidar, depth_cloud
+from controllers.nodes.estimate_topics import Due
+from models.errors import ConfigError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.messages import to_ns, to_seconds
+from models.nodes.parameters import declare
+from models.nodes.perception import cloud_message, depth_message, info_message
+from models.nodes.qos import STATE
+from models.nodes.spin import run
+from models.range_sensor import DEPTH_FRAME
+from models.terrain import FLAT, terrain_named
+from models.types import Vector
+
+
+class _Output:
+    """Publishers of one sensor: what they publish is due at the rate of the sensor, and held for its latency."""
+
+    def __init__(self, publishers: dict[str, Any], rate: float, latency: float, phase: float) -> None:
+        self.publishers = publishers
+        self.due = Due(round(NANOSECONDS / rate), phase)
+        self._latency = to_ns(latency)
+        self._waiting: deque[tuple[int, Any, Any]] = deque()
+
+    @property
+    def used(self) -> bool:
+        """Whether anybody subscribes to one of the topics."""
+        return any(publisher.get_subscription_count() for publisher in self.publishers.values())
+
+    def hold(self, stamp: int, messages: dict[str, Any]) -> None:
+        """Keep messages by topic, measured at a stamp [ns]."""
+        self._waiting += [(stamp + self._latency, self.publishers[topic], text) for topic, text in messages.items()]
+
+    def publish(self, stamp: int) -> None:
+        """Publish what has arrived at a stamp [ns]; time that runs backwards is a new run, in which nothing waits."""
+        if self._waiting and self._waiting[0][0] > stamp + self._latency + NANOSECONDS:
+            self._waiting.clear()
+        while self._waiting and self._waiting[0][0] <= stamp:
+            _, publisher, message = self._waiting.popleft()
+            publisher.publish(message)
+
+
+class RangeSensorNode(PoiseNode):
+    """Publishes depth pictures and point clouds of the newest true state while subscribed to."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("range_sensor_node", **kwargs)
+        text = "Ground of the simulated world, as the driver has it: flat, tiles, box, ..."
+        self._terrain = declare(self, "terrain", FLAT, text)
+        self._seed = declare(self, "seed", 0, "Seed of the sensors' errors", integer=(0, 2**63 - 1))
+        self._noise = declare(self, "noise", 1.0, "Factor on the errors of the profile", low=0.0, high=100.0)
+        self._took: dict[str, float] = {}
+
+    def configure(self) -> None:
+        sensors = self.model.profile.sensors
+        if sensors.depth is None and sensors.lidar is None:
+            raise ConfigError(f"{self.robot}: sensors.depth, sensors.lidar: the profile has neither")
+        terrain_named(self._terrain)
+        self._outputs: dict[str, _Output] = {}
+        if sensors.depth is not None:
+            kinds = {topics.DEPTH_IMAGE: Image, topics.DEPTH_INFO: CameraInfo, topics.DEPTH_POINTS: PointCloud2}
+            publishers = {topic: self.announce(kind, topic, STATE) for topic, kind in kinds.items()}
+            self._outputs["depth"] = _Output(publishers, sensors.depth.rate, sensors.depth.latency, 0.0)
+        if sensors.lidar is not None:
+            publishers = {topics.LIDAR_POINTS: self.announce(PointCloud2, topics.LIDAR_POINTS, STATE)}
+            self._outputs["lidar"] = _Output(publishers, sensors.lidar.rate, sensors.lidar.latency, 0.5)
+        self._casts = {"depth": self._cast_depth, "lidar": self._cast_lidar}
+        TrueStates(self, self._is_due, self._measure, self._on_obstacle)
+
+    def activate(self) -> None:
+        sensors = self.model.profile.sensors
+        self._world = RayWorld(self.model, self._terrain)
+        if sensors.depth is not None:
+            self._depth = SimulatedDepthCamera(self._world, self._seed, self._noise)
+        if sensors.lidar is not None:
+            self._lidar = SimulatedLidar(self._world, self._seed, self._noise)
+        self._measured: list[str] = []  # sensors that are due now
+
+    def _on_obstacle(self, centre: Vector) -> None:
+        if self.active:
+            self._world.obstacle = centre
+
+    def _is_due(self, stamp: int) -> bool:
+        """Publish what has waited long enough, and find out which sensors measure now."""
+        for output in self._outputs.values():
+            output.publish(stamp)
+        self._measured = [name for name, output in self._outputs.items() if output.used and output.due(stamp)]
+        return bool(self._measured)
+
+    def _measure(self, stamp: int, q: Vector) -> None:
+        self._world.set(q)
+        for name in self._measured:
+            begin = time.monotonic()
+            self._outputs[name].hold(stamp, self._casts[name](stamp))
+            self._took[name] = time.monotonic() - begin
+
+    def _cast_depth(self, stamp: int) -> dict[str, Any]:
+        camera = self._depth
+        picture = camera.picture()
+        picture = np.where(picture > 0.0, np.round(picture, 3), np.nan)  # the cloud is that of the picture
+        cloud = depth_cloud(to_seconds(stamp), picture, camera.intrinsics)
+        return {
+            topics.DEPTH_INFO: info_message(stamp, camera.intrinsics, DEPTH_FRAME),
+            topics.DEPTH_IMAGE: depth_message(stamp, picture),
+            topics.DEPTH_POINTS: cloud_message(stamp, cloud),
+        }
+
+    def _cast_lidar(self, stamp: int) -> dict[str, Any]:
+        return {topics.LIDAR_POINTS: cloud_message(stamp, self._lidar.cloud(to_seconds(stamp)))}
+
+    def before_diagnostics(self) -> None:
+        if not self.active:
+            return
+        self.message = "measuring" if any(each.used for each in self._outputs.values()) else "no subscriber"
+        self.values |= {f"newest {name} took [ms]": f"{1e3 * took:.1f}" for name, took in self._took.items()}
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node in a separate process, behind those of the robot."""
+    os.nice(NICENESS)
+    sys.exit(run([RangeSensorNode], args))
+
+
+if __name__ == "__main__":
+    main()

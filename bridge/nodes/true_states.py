@@ -1,0 +1,61 @@
+"""True states of a simulated robot, for nodes that simulate what a camera or a lidar sees."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+
+from models.errors import MessageError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.cdr import stamp_of
+from models.nodes.messages import JointStateCodec
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import SENSOR
+from models.types import Vector
+
+
+class TrueStates:
+    """Receives the true states that the driver publishes, until the node's ``cleanup``.
+
+    While the node is active each state of which base and joints have arrived is offered by its stamp [ns] to ``due``,
+    and given with that stamp as a configuration (nq,) to ``on_state`` where it is due. ``on_obstacle`` receives the
+    middle of the terrain's box (3,) [m].
+    """
+
+    def __init__(
+        self,
+        node: PoiseNode,
+        due: Callable[[int], bool],
+        on_state: Callable[[int, Vector], None],
+        on_obstacle: Callable[[Vector], None],
+    ) -> None:
+        self._node, self._due, self._on_state, self._on_centre = node, due, on_state, on_obstacle
+        self._odometry = b""
+        self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(node.model)
+        node.listen(Odometry, topics.GROUND_TRUTH, self._on_odometry, SENSOR, raw=True)
+        node.listen(PoseStamped, topics.GROUND_TRUTH_OBSTACLE, self._on_obstacle, SENSOR)
+        node.listen(JointState, topics.GROUND_TRUTH_JOINTS, self._on_joints, SENSOR, raw=True, while_active=True)
+
+    def _on_odometry(self, data: bytes) -> None:
+        self._odometry = data
+
+    def _on_obstacle(self, message: Any) -> None:
+        place = message.pose.position
+        self._on_centre(np.array([place.x, place.y, place.z]))
+
+    def _on_joints(self, data: bytes) -> None:
+        """Hand on a state once base and joints of the same tick have arrived."""
+        try:
+            stamp = stamp_of(data)
+            if not self._odometry or stamp_of(self._odometry) != stamp or not self._due(stamp):
+                return
+            joints = self._joints_codec.decode(data)[1]
+            pose: Vector = self._odometry_codec.decode(self._odometry)[1]
+        except MessageError as error:
+            self._node.refuse(topics.GROUND_TRUTH_JOINTS, error)
+            return
+        self._on_state(stamp, np.concatenate([pose, joints]))

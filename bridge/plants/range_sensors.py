@@ -1,0 +1,170 @@
+"""The simulated depth camera and lidar: rays cast in a copy of the plant's world."""
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from models.camera import Pinhole
+from models.errors import ConfigError
+from models.mujoco_model import build_mujoco, pin_to_mujoco
+from models.mujoco_spec import OBSTACLE, ROBOT_GROUP, WORLD_GROUP
+from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, DepthSensor, LidarSensor, PointCloud, RangeSensor
+from models.robot_model import RobotModel
+from models.terrain import FLAT, Terrain, terrain_named
+from models.types import Matrix, Vector
+
+_HIDDEN = mujoco.mjNGROUP - 1  #: Group of geoms that no ray meets
+#: Shares of a turn between two rays of a lidar: the sequence r^-k mod 1, r^3 = r + 1, fills a rectangle evenly and
+#: repeats in no turn (Roberts: The unreasonable effectiveness of quasirandom sequences, 2018)
+_PATTERN = np.array([0.7548776662466927, 0.5698402909980532])
+
+
+class RayWorld:
+    """A copy of the world of a simulated robot, with the robot's drawn shapes, that is set from given states.
+
+    ``obstacle`` is the middle of the terrain's box, None for its place at the start.
+    """
+
+    def __init__(self, robot: RobotModel, terrain: str | Terrain = FLAT) -> None:
+        self.robot = robot
+        self.obstacle: Vector | None = None
+        self._has_obstacle = terrain_named(terrain).obstacle is not None
+        self._mj = build_mujoco(robot, visuals=True, terrain=terrain)
+        model = self._mj.model
+        self._model, self._data = model, mujoco.MjData(model)
+        self._seen: NDArray[np.bool_] = model.geom_group != ROBOT_GROUP
+        self._still = np.zeros(robot.nv)
+
+    def set(self, q: Vector) -> None:
+        """Put the robot into a configuration (nq,)."""
+        data = self._data
+        data.qpos[:], _ = pin_to_mujoco(self.robot, self._mj, q, self._still)
+        if self._has_obstacle and self.obstacle is not None:
+            data.mocap_pos[self._model.body(OBSTACLE).mocapid[0]] = self.obstacle
+        mujoco.mj_kinematics(self._model, data)
+
+    def cast(self, frame: str, rays: Matrix, reach: float) -> Vector:
+        """Distances (n,) along rays (n, 3) of a frame, in their lengths, to what is within ``reach`` [m]; else inf.
+
+        A sensor does not see the link that it is mounted on, as from inside a housing. Geoms beyond the reach or
+        beside the cone of the rays are left out first: MuJoCo would try every ray with each of them.
+        """
+        model, data = self._model, self._data
+        site = int(model.site(frame).id)
+        axes, position, own = data.site_xmat[site].reshape(3, 3), data.site_xpos[site], model.site_bodyid[site]
+        seen = self._seen & (model.body_weldid[model.geom_bodyid] != model.body_weldid[own])
+        seen &= (self._in_cone(position, axes, rays) & self._near(position, reach)) | (model.geom_rbound == 0.0)
+        model.geom_group[:] = np.where(seen, WORLD_GROUP, _HIDDEN)
+        groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
+        groups[WORLD_GROUP] = 1
+        count = len(rays)
+        geoms, distances = np.empty(count, dtype=np.int32), np.empty(count)
+        far = reach / float(np.linalg.norm(rays, axis=1).min())
+        directions = np.ascontiguousarray(rays @ axes.T).ravel()
+        mujoco.mj_multiRay(
+            model, data, position, directions, groups, True, -1, geoms, distances, None, count, far
+        )  # fmt: skip
+        distances[geoms < 0] = np.inf
+        return distances
+
+    def _near(self, position: Vector, reach: float) -> NDArray[np.bool_]:
+        distance = np.linalg.norm(self._data.geom_xpos - position, axis=1)
+        near: NDArray[np.bool_] = distance - self._model.geom_rbound <= reach
+        return near
+
+    def _in_cone(self, position: Vector, axes: Matrix, rays: Matrix) -> NDArray[np.bool_]:
+        """Whether the bounding sphere of a geom meets the cone about z that holds all rays (ngeom,)."""
+        half = float(np.arccos(np.clip((rays[:, 2] / np.linalg.norm(rays, axis=1)).min(), -1.0, 1.0)))
+        offset = (self._data.geom_xpos - position) @ axes
+        distance = np.linalg.norm(offset, axis=1)
+        safe = np.maximum(distance, 1e-9)
+        angle = np.arccos(np.clip(offset[:, 2] / safe, -1.0, 1.0))
+        size = np.arcsin(np.clip(self._model.geom_rbound / safe, 0.0, 1.0))
+        seen: NDArray[np.bool_] = (distance <= self._model.geom_rbound) | (angle - size <= half)
+        return seen
+
+
+class _SimulatedRange:
+    """One sensor in a ``RayWorld``; ``noise`` is a factor on the profile's errors, ``seed`` that of their generator."""
+
+    def __init__(self, world: RayWorld, frame: str, config: RangeSensor, stream: int, seed: int, noise: float) -> None:
+        self._world, self._frame, self._limits = world, frame, config
+        self._stream, self._seed, self._noise = stream, seed, noise
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Restart the errors; a seed replaces the present one."""
+        self._seed = self._seed if seed is None else seed
+        self._rng = np.random.default_rng((self._seed, self._stream))  # apart from those of the other sensors
+        turn = self._noise * self._limits.misalignment * self._rng.standard_normal(3)
+        self._mount: Matrix = pin.exp3(turn)  # true rotation of the sensor in its frame (3, 3)
+        self._scale = 1.0 + self._noise * self._limits.scale * float(self._rng.standard_normal())
+
+    def _measure(self, rays: Matrix) -> Vector:
+        """Measured distances along rays (n, 3), in their lengths; nan where nothing is in range."""
+        limits = self._limits
+        # the farthest point may lie beyond range_max, which a depth camera measures along its axis
+        reach = limits.range_max * float(np.linalg.norm(rays, axis=1).max())
+        distances = self._world.cast(self._frame, rays @ self._mount.T, reach)
+        distances[~((distances >= limits.range_min) & (distances <= limits.range_max))] = np.nan
+        errors = self._noise * limits.deviation(distances) * self._rng.standard_normal(len(rays))
+        measured: Vector = self._scale * distances + errors
+        return measured
+
+
+class SimulatedDepthCamera(_SimulatedRange):
+    """The depth camera of a profile; raises ``ConfigError`` for a robot without one."""
+
+    def __init__(self, world: RayWorld, seed: int = 0, noise: float = 1.0) -> None:
+        config = world.robot.profile.sensors.depth
+        if config is None:
+            raise ConfigError(f"{world.robot.name}: sensors.depth: the profile has no depth camera")
+        self.config: DepthSensor = config
+        self.intrinsics = Pinhole.of(config)
+        super().__init__(world, DEPTH_FRAME, config, 2, seed, noise)
+
+    def picture(self) -> Matrix:
+        """Distance along the optical axis for each pixel (height, width) [m]; nan where none was measured."""
+        pinhole = self.intrinsics
+        return self._measure(pinhole.rays).reshape(pinhole.height, pinhole.width)
+
+    def cloud(self, t: float) -> PointCloud:
+        """Points of a picture that is taken now, with a stamp [s]."""
+        return depth_cloud(t, self.picture(), self.intrinsics)
+
+
+class SimulatedLidar(_SimulatedRange):
+    """The lidar of a profile, every turn at one instant; raises ``ConfigError`` for a robot without one."""
+
+    def __init__(self, world: RayWorld, seed: int = 0, noise: float = 1.0) -> None:
+        config = world.robot.profile.sensors.lidar
+        if config is None:
+            raise ConfigError(f"{world.robot.name}: sensors.lidar: the profile has no lidar")
+        self.config: LidarSensor = config
+        super().__init__(world, LIDAR_FRAME, config, 3, seed, noise)
+
+    def reset(self, seed: int | None = None) -> None:
+        super().reset(seed)
+        self._turns = 0
+
+    def cloud(self, t: float) -> PointCloud:
+        """Points of the next turn, with a stamp [s]."""
+        config = self.config
+        index = self._turns * config.rays + np.arange(config.rays)
+        azimuth, share = np.modf(np.outer(_PATTERN, index))[0]
+        elevation = config.elevation_min + share * (config.elevation_max - config.elevation_min)
+        flat = np.cos(elevation)
+        turn = 2.0 * np.pi * azimuth
+        rays = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), np.sin(elevation)])  # (n, 3)
+        self._turns += 1
+        distances = self._measure(rays)
+        hit = np.isfinite(distances)
+        return PointCloud(t, LIDAR_FRAME, rays[hit] * distances[hit, None])
+
+
+def depth_cloud(t: float, picture: Matrix, camera: Pinhole) -> PointCloud:
+    """Points of a depth picture (height, width) [m] with a stamp [s]; pixels that are nan have none."""
+    depth = picture.ravel()
+    seen = np.isfinite(depth)
+    return PointCloud(t, DEPTH_FRAME, camera.rays[seen] * depth[seen, None])

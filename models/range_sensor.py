@@ -1,0 +1,81 @@
+"""Depth cameras and lidars: their part of a robot's profile, and the points that they measure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass as record
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT, NonNegative, Positive
+from models.errors import MessageError
+from models.types import Matrix, Vector
+
+DEPTH_FRAME = "depth_optical_frame"  #: Frame of the depth camera: x right, y down, z ahead (REP-103)
+LIDAR_FRAME = "lidar"  #: Frame of the lidar, z along its axis
+POINTS_MAX = 500_000  #: Most points of a cloud [1]; a depth picture of 848 x 480 has 407 040
+
+Elevation = Annotated[float, Field(ge=-1.5708, le=1.5708)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class RangeSensor:
+    """What depth camera and lidar have in common; a depth camera measures along its axis, a lidar along the ray."""
+
+    range_min: NonNegative  #: shortest distance that is measured [m]
+    range_max: Positive  #: longest distance that is measured [m]
+    rate: Annotated[float, Field(gt=0.0, le=1000.0)]  #: pictures or turns a second [Hz]
+    noise: NonNegative  #: standard deviation of a distance, constant part [m]
+    noise_square: NonNegative  #: and the part that grows with the square of the distance [1/m]
+    scale: NonNegative  #: standard deviation of the scale error, of one sensor from another [-]
+    misalignment: NonNegative  #: standard deviation of the mounting rotation, each axis [rad]
+    latency: NonNegative  #: from the light to the arrival of the points [s]
+
+    def __post_init__(self) -> None:
+        if self.range_min >= self.range_max:
+            raise ValueError(f"range_min {self.range_min} m is not below range_max {self.range_max} m")
+
+    def deviation(self, distance: Vector) -> Vector:
+        """Standard deviation of the noise of distances (n,) [m]."""
+        return self.noise + self.noise_square * distance**2
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class DepthSensor(RangeSensor):
+    """A depth camera without distortion at frame `depth_optical_frame`: x right, y down, z ahead (REP-103)."""
+
+    width: Annotated[int, Field(ge=16, le=4096)]  #: of a picture [pixel]
+    height: Annotated[int, Field(ge=16, le=4096)]  #: of a picture [pixel]
+    horizontal_fov: Annotated[float, Field(ge=0.1, le=2.8)]  #: angle from the left to the right edge [rad]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class LidarSensor(RangeSensor):
+    """A lidar that looks all around the z axis of frame `lidar`, with another pattern in every turn."""
+
+    elevation_min: Elevation  #: lowest ray above the plane of x and y of the frame [rad]
+    elevation_max: Elevation  #: highest ray [rad]
+    rays: Annotated[int, Field(ge=2, le=POINTS_MAX)]  #: of a turn [1]
+
+
+@record(frozen=True, slots=True, eq=False)
+class PointCloud:
+    """Points that a range sensor measured at one instant; a point without a measurement is left out."""
+
+    t: float  # stamp of the light [s]
+    frame: str  # of the profile, in which the points are
+    points: Matrix  # (n, 3) [m]
+
+
+def check_cloud(cloud: PointCloud) -> None:
+    """Raise ``MessageError`` for a malformed cloud, naming the field."""
+    if not math.isfinite(cloud.t):
+        raise MessageError(f"t is {cloud.t}")
+    shape = cloud.points.shape
+    if len(shape) != 2 or shape[1] != 3 or shape[0] > POINTS_MAX:
+        raise MessageError(f"points: shape {shape} instead of (n, 3) with up to {POINTS_MAX} points")
+    if not np.isfinite(cloud.points).all():
+        raise MessageError("points: a coordinate is not finite")

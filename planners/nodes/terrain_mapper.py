@@ -1,0 +1,189 @@
+"""Node ``terrain_mapper``: point clouds and odometry in, elevation map and planar patches of the ground out."""
+
+import time
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import String, UInt8MultiArray
+
+from models.config import default_config
+from models.errors import MessageError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.cdr import NANOSECONDS, stamp_of
+from models.nodes.grid_map import grid_map_message, grid_map_type, patches_message
+from models.nodes.messages import JointStateCodec, stamp_ns, to_seconds
+from models.nodes.odometry import OdometryCodec, contacts_from_message
+from models.nodes.parameters import declare, declare_config, declare_ns, declare_period
+from models.nodes.perception import cloud_from_message
+from models.nodes.qos import COMMAND, LATCHED, SENSOR, STATE
+from models.nodes.services import own_message
+from models.nodes.spin import program
+from models.types import Vector
+from planners.terrain.config import TerrainMapConfig
+from planners.terrain.mapper import Posture, TerrainMapper
+
+HISTORY = 1.0  #: Age of the oldest state that is kept for a cloud [s]
+
+
+class _History:
+    """The newest serialised messages of a topic, decoded only where a cloud needs one."""
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[int, Any]] = deque()
+
+    def add(self, stamp: int, message: Any) -> None:
+        """Keep a message with a stamp [ns]; one before the newest is of a new run: only that counts."""
+        if self._kept and stamp < self._kept[-1][0]:
+            self._kept.clear()
+        self._kept.append((stamp, message))
+        while stamp - self._kept[0][0] > HISTORY * NANOSECONDS:
+            self._kept.popleft()
+
+    @property
+    def newest(self) -> int | None:
+        """Stamp of the newest message [ns]; None without one."""
+        return self._kept[-1][0] if self._kept else None
+
+    def around(self, stamp: int, tolerance: int) -> tuple[Any, Any, float] | None:
+        """Messages before and after a stamp [ns], and its share of the way from one to the other [-].
+
+        At either end of the history one message is both; None when it is farther than a tolerance [ns], or missing.
+        """
+        place = bisect_right(self._kept, stamp, key=lambda each: each[0])
+        before, after = max(place - 1, 0), min(place, len(self._kept) - 1)
+        if after < 0 or max(self._kept[before][0] - stamp, stamp - self._kept[after][0]) > tolerance:
+            return None
+        (start, first), (end, second) = self._kept[before], self._kept[after]
+        return first, second, min(max((stamp - start) / max(end - start, 1), 0.0), 1.0)
+
+
+class TerrainMapperNode(PoiseNode):
+    """Runs ``TerrainMapper`` on each cloud, with the odometry, the joints and the contacts at its stamp."""
+
+    AUTOSTART = True
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("terrain_mapper", **kwargs)
+        self._config = declare_config(self, default_config(TerrainMapConfig, "planners", "terrain_map"))
+        text = "Largest time between a cloud and the state that goes with it [s]"
+        self._tolerance = declare_ns(self, "state_tolerance", 0.02, text, low=0.0)
+        text = "Have lost parts of a cloud sent again; false for a sensor driver that offers best effort only"
+        self._reliable = declare(self, "reliable", True, text)
+        self._periods = (
+            declare_period(self, "map_rate", 10.0, "terrain/grid_map"),
+            declare_period(self, "patch_rate", 2.0, "terrain/patches"),
+        )
+
+    def configure(self) -> None:
+        self._law = TerrainMapper(self.model, self._config)
+        self._odometry, self._joints, self._contacts = _History(), _History(), _History()
+        self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(self.model)
+        self._offsets = np.zeros(self.model.nj)
+        self._missing, self._outputs = "", list[tuple[Any, Callable[[int], Any]]]()
+        try:
+            kinds = grid_map_type(), own_message("TerrainPatches")
+            self._outputs += [
+                (self.announce(kinds[0], topics.TERRAIN_MAP, STATE), self._grid_map),
+                (self.announce(kinds[1], topics.TERRAIN_PATCHES, STATE), self._patches),
+            ]
+        except MessageError as error:
+            self._missing = str(error)
+        self.listen(Odometry, topics.ODOM, lambda data: self._odometry.add(stamp_of(data), data), SENSOR, raw=True)
+        self.listen(
+            JointState, topics.JOINT_STATES, lambda data: self._joints.add(stamp_of(data), data), SENSOR, raw=True
+        )
+        self.listen(JointState, topics.ENCODER_OFFSETS, self._on_offsets, LATCHED, raw=True)
+        self.listen(UInt8MultiArray, topics.CONTACTS, self._on_contacts, SENSOR)
+        self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+        sensors, qos = self.model.profile.sensors, COMMAND if self._reliable else SENSOR
+        if sensors.depth is not None:
+            self.listen(PointCloud2, topics.DEPTH_POINTS, self._on_cloud, qos, while_active=True)
+        if sensors.lidar is not None:
+            self.listen(PointCloud2, topics.LIDAR_POINTS, self._on_cloud, qos, while_active=True)
+
+    def activate(self) -> None:
+        self._law.reset()
+        self._published = [0, 0]  # stamps of the last map and patches [ns]
+        self._took, self._clouds = 0.0, 0
+
+    def _on_offsets(self, data: bytes) -> None:
+        self._offsets = self._joints_codec.decode(data)[1]
+
+    def _on_contacts(self, message: Any) -> None:
+        if (stamp := self._odometry.newest) is not None:  # contacts have no stamp, and come with an odometry
+            self._contacts.add(stamp, contacts_from_message(message))
+
+    def _on_driver_state(self, message: Any) -> None:
+        if message.data == topics.HELD:  # set upright somewhere: the ground there is another
+            self._law.reset()
+
+    def _on_cloud(self, message: Any) -> None:
+        stamp = stamp_ns(message.header.stamp)
+        if stamp < self._published[0] - NANOSECONDS:
+            self.activate()
+        posture = self._posture(stamp)
+        begin = time.monotonic()
+        self._law.update(cloud_from_message(message), posture)
+        self._took, self._clouds = time.monotonic() - begin, self._clouds + 1
+        self._publish(stamp)
+
+    def _posture(self, stamp: int) -> Posture:
+        """Estimate at a stamp [ns], between the messages around it; ``MessageError`` where there are none."""
+        found = [each.around(stamp, self._tolerance) for each in (self._odometry, self._joints, self._contacts)]
+        if None in found:
+            raise MessageError(f"no odometry, joints and contacts within {self._tolerance / 1e9:g} s of the points")
+        odometry, joints, contacts = (each for each in found if each is not None)
+        first, second = (pin.XYZQUATToSE3(self._odometry_codec.decode(data)[1]) for data in odometry[:2])
+        pose = pin.SE3ToXYZQUAT(pin.SE3.Interpolate(first, second, odometry[2]))
+        angles: Vector = self._joints_codec.decode(joints[0])[1] - self._offsets
+        return Posture(np.concatenate([pose, angles]), contacts[0])
+
+    def _publish(self, stamp: int) -> None:
+        """Publish what is due at a stamp [ns] and has a subscriber."""
+        for i, (publisher, message) in enumerate(self._outputs):
+            if stamp - self._published[i] >= self._periods[i] and not np.isnan(self._law.reference):
+                self._published[i] = stamp
+                if publisher.get_subscription_count():
+                    publisher.publish(message(stamp))
+
+    def _grid_map(self, stamp: int) -> Any:
+        grid = self._law.map
+        layers = {
+            "elevation": grid.height + self._law.reference,
+            "variance": grid.variance,
+            "age": to_seconds(stamp) - grid.seen,
+        }
+        known = {name: np.where(grid.known, layer, np.nan) for name, layer in layers.items()}
+        return grid_map_message(stamp, grid.centre, grid.cell, known, "elevation")
+
+    def _patches(self, stamp: int) -> Any:
+        raised = np.array([0.0, 0.0, self._law.reference])
+        return patches_message(stamp, [(patch.normal, patch.vertices + raised) for patch in self._law.patches()])
+
+    def before_diagnostics(self) -> None:
+        if not self.active:
+            return
+        law = self._law
+        self.level = DiagnosticStatus.WARN if self._missing else DiagnosticStatus.OK
+        self.message = self._missing or ("mapping" if self._clouds else "no cloud yet")
+        self.values |= {
+            "clouds": str(self._clouds),
+            "newest cloud took [ms]": f"{1e3 * self._took:.1f}",
+            "known cells": f"{law.map.known.mean():.2f}",
+            "sole above the map [mm]": f"{1e3 * law.residual:.1f}",
+        }
+
+
+main = program(TerrainMapperNode)
+
+
+if __name__ == "__main__":
+    main()

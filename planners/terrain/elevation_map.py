@@ -1,0 +1,198 @@
+"""A square grid of heights around the robot, with their variances, that point clouds are fused into."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.numerics.compiled import njit
+from models.types import Matrix, Vector
+from planners.terrain.config import FusionConfig, TerrainMapConfig
+
+
+class ElevationMap:
+    r"""Heights of cells whose edges are parallel to x and y of W.
+
+    A cloud gives each cell the weighted mean of its highest points, with variance ``1 / sum(1 / s_i^2) + s_0^2``
+    of the points' deviations s_i. Height h and variance P of a cell follow by the Kalman filter of a constant,
+
+    .. math:: K = P / (P + v), \quad h \leftarrow h + K (m - h), \quad P \leftarrow \max((1 - K) P, s_{floor}^2)
+
+    A measurement outside the gate does not change the height but adds a share of its squared error to the variance, so
+    that some four in a row replace it. Rays that pass below a cell's height empty it.
+
+    Attributes:
+        origin: Index of the first cell along x and y: cell (i, j) has its middle at ``(origin + (i, j) + 0.5) cell``.
+        height: (n, n) [m]; nan where unknown.
+        variance: (n, n) [m^2]; infinite where unknown.
+        seen: Stamp of the newest measurement (n, n) [s]; -inf where there was none.
+
+    References:
+        Fankhauser, Bloesch, Hutter: Probabilistic terrain mapping for mobile robots with uncertain localization,
+        RA-L 2018.
+        Miki et al.: Elevation mapping for locomotion and navigation using GPU, IROS 2022 (gate, rays, drift).
+    """
+
+    def __init__(self, config: TerrainMapConfig) -> None:
+        self.cell, self._fusion = config.cell, config.fusion
+        self.cells = config.cells
+        shape = (self.cells, self.cells)
+        self.height, self.variance, self.seen = np.empty(shape), np.empty(shape), np.empty(shape)
+        self.origin: NDArray[np.int64] = np.zeros(2, dtype=np.int64)
+        self.clear()
+
+    def clear(self) -> None:
+        """Every cell becomes unknown."""
+        self.height[:], self.variance[:], self.seen[:] = np.nan, np.inf, -np.inf
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Cells whose height is certain enough (n, n)."""
+        known: NDArray[np.bool_] = self.variance <= self._fusion.variance_max
+        return known
+
+    @property
+    def centre(self) -> Vector:
+        """Middle of the map in W (2,) [m]."""
+        return np.array((self.origin + 0.5 * self.cells) * self.cell, dtype=np.float64)
+
+    def index(self, points: Matrix) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Cells of points x, y (n, 2) [m]: their indices (n, 2), and whether they are in the map (n,)."""
+        index: NDArray[np.int64] = np.floor(points / self.cell).astype(np.int64) - self.origin
+        i, j = index.T
+        return index, (i >= 0) & (i < self.cells) & (j >= 0) & (j < self.cells)
+
+    def at(self, points: Matrix) -> Vector:
+        """Heights at points x, y (n, 2) [m]: (n,) [m], nan where unknown."""
+        index, inside = self.index(points)
+        heights = np.full(len(points), np.nan)
+        i, j = index[inside].T
+        heights[inside] = np.where(self.known[i, j], self.height[i, j], np.nan)
+        return heights
+
+    def move_to(self, x: float, y: float) -> None:
+        """Centre the map on a point of W [m] up to a cell; what it leaves behind is forgotten."""
+        origin = np.round(np.array([x, y]) / self.cell - 0.5 * self.cells).astype(np.int64)
+        shift, self.origin = origin - self.origin, origin
+        if not shift.any():
+            return
+        for array, unknown in ((self.height, np.nan), (self.variance, np.inf), (self.seen, -np.inf)):
+            array[:] = np.roll(array, -shift, axis=(0, 1))
+            for axis in (0, 1):
+                count = min(abs(int(shift[axis])), self.cells)
+                new = slice(self.cells - count, None) if shift[axis] > 0 else slice(0, count)
+                array[(new, slice(None)) if axis == 0 else (slice(None), new)] = unknown
+
+    def shift(self, height: float) -> None:
+        """Raise every height [m]."""
+        self.height += height
+
+    def age(self, variance: float) -> None:
+        """Add to every variance [m^2]."""
+        self.variance += variance
+
+    def fuse(self, t: float, points: Matrix, deviations: Vector, common: Vector, eye: Vector) -> int:
+        """Fuse a cloud of points (n, 3) [m] with a stamp [s] that a sensor at ``eye`` (3,) measured.
+
+        ``deviations`` of the heights are independent, those ``common`` to all points of a cell are not (n,) [m].
+        Returns how many cells were measured.
+        """
+        fusion = self._fusion
+        index, inside = self.index(points[:, :2])
+        cells = index[inside, 0] * self.cells + index[inside, 1]  # (k,)
+        arrays = self.height.reshape(-1), self.variance.reshape(-1), self.seen.reshape(-1)
+        count = _fuse(t, cells, points[inside, 2], deviations[inside], common[inside], *arrays, *_settings(fusion))
+        followed = np.ascontiguousarray(points[:: fusion.clear_stride])
+        _clear(t, followed, eye, self.cell, self.origin, self.height, self.variance, self.seen, fusion.clear)
+        return int(count)
+
+
+def _settings(fusion: FusionConfig) -> tuple[float, float, float, float]:
+    return fusion.floor, fusion.layer, fusion.gate, fusion.disagree
+
+
+@njit(cache=True)
+def _fuse(
+    t: float,
+    cells: NDArray[np.int64],
+    heights: Vector,
+    deviations: Vector,
+    common: Vector,
+    height: Vector,
+    variance: Vector,
+    seen: Vector,
+    floor: float,
+    layer: float,
+    gate: float,
+    disagree: float,
+) -> int:
+    """Update the cells of a cloud; returns how many there were."""
+    size, count = len(height), len(cells)
+    top = np.full(size, -np.inf)
+    for k in range(count):
+        top[cells[k]] = max(top[cells[k]], heights[k])
+    weights, sums, bias = np.zeros(size), np.zeros(size), np.zeros(size)
+    touched = np.empty(size, dtype=np.int64)
+    found = 0
+    for k in range(count):
+        c, s = cells[k], deviations[k]
+        if heights[k] < top[c] - layer * s:
+            continue
+        if weights[c] == 0.0:
+            touched[found] = c
+            found += 1
+        w = 1.0 / (s * s)
+        weights[c] += w
+        sums[c] += w * heights[k]
+        bias[c] = max(bias[c], common[k])
+    for k in range(found):
+        c = touched[k]
+        m, v = sums[c] / weights[c], 1.0 / weights[c] + floor * floor + bias[c] * bias[c]
+        p = variance[c]
+        seen[c] = t
+        if not math.isfinite(p):
+            height[c], variance[c] = m, v
+            continue
+        error = m - height[c]
+        if error * error > gate * gate * (p + v):
+            variance[c] = p + disagree * error * error
+            continue
+        gain = p / (p + v)
+        height[c] += gain * error
+        variance[c] = max((1.0 - gain) * p, floor * floor)
+    return found
+
+
+@njit(cache=True)
+def _clear(
+    t: float,
+    points: Matrix,
+    eye: Vector,
+    cell: float,
+    origin: NDArray[np.int64],
+    height: Matrix,
+    variance: Matrix,
+    seen: Matrix,
+    margin: float,
+) -> None:
+    """Empty the cells above rays from ``eye`` to points, except those measured at ``t``."""
+    size = len(height)
+    highest = -np.inf
+    for i in range(size):
+        for j in range(size):
+            if height[i, j] > highest:
+                highest = height[i, j]
+    for k in range(len(points)):
+        dx, dy, dz = points[k, 0] - eye[0], points[k, 1] - eye[1], points[k, 2] - eye[2]
+        steps = int(math.hypot(dx, dy) / cell)
+        for step in range(1, steps):  # from the point towards the eye; the cell of the point itself is left alone
+            back = step / steps
+            z = points[k, 2] - back * dz
+            if z > highest - margin:
+                break
+            i = math.floor((points[k, 0] - back * dx) / cell) - origin[0]
+            j = math.floor((points[k, 1] - back * dy) / cell) - origin[1]
+            if i < 0 or j < 0 or i >= size or j >= size or seen[i, j] == t or not math.isfinite(variance[i, j]):
+                continue
+            if z < height[i, j] - margin - 3.0 * math.sqrt(variance[i, j]):
+                height[i, j], variance[i, j], seen[i, j] = np.nan, np.inf, -np.inf

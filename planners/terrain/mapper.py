@@ -1,0 +1,157 @@
+"""The ground around the robot: clouds and odometry in, elevation map and planar patches out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from models.config import default_config
+from models.errors import ConfigError, MessageError
+from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, PointCloud, RangeSensor, check_cloud
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
+from planners.terrain.body_filter import BodyFilter
+from planners.terrain.config import TerrainMapConfig
+from planners.terrain.elevation_map import ElevationMap
+from planners.terrain.patches import Patch, find_patches
+
+
+@dataclass(frozen=True, slots=True)
+class Posture:
+    """Where the robot is and stands when a cloud is measured, by its own estimate."""
+
+    q: Vector  # configuration (nq,)
+    contacts: tuple[bool, bool]  # whether each foot bears load
+
+
+class TerrainMapper:
+    """Maps the ground relative to the stance foot.
+
+    Heights of ``map`` are above the sole of the stance foot, so that a drift of the odometry's height does not bend
+    the map: while a foot stands its sole is the reference, and the foot that lands next takes over with the height
+    between both soles, which follows from the joint angles. Places are those of the odometry. Once a landed foot
+    alone bears the robot, the difference of its sole to a level part of the map below it shifts map and coming clouds.
+
+    Points of the robot itself are left out; see ``BodyFilter``. ``update`` refuses a malformed cloud with a
+    ``MessageError``.
+
+    Attributes:
+        map: The grid.
+        reference: Height of the reference sole in W [m], by the odometry; nan before the first cloud.
+        residual: Last difference of a landed sole to a level part of the map below it [m]; nan before the first.
+
+    Raises:
+        ConfigError: The robot's profile has neither depth camera nor lidar.
+    """
+
+    def __init__(self, robot: RobotModel, config: TerrainMapConfig | None = None) -> None:
+        self.robot, self.config = robot, config or default_config(TerrainMapConfig, "planners", "terrain_map")
+        sensors = robot.profile.sensors
+        fitted = {DEPTH_FRAME: sensors.depth, LIDAR_FRAME: sensors.lidar}
+        self._sensors: dict[str, RangeSensor] = {frame: each for frame, each in fitted.items() if each is not None}
+        if not self._sensors:
+            raise ConfigError(f"{robot.name}: sensors.depth, sensors.lidar: the profile has none to see the ground")
+        self.map = ElevationMap(self.config)
+        self._body, self._data = BodyFilter(robot, self.config.body), robot.data()
+        widths = [foot.rectangle[3] - foot.rectangle[2] for foot in robot.feet]
+        self._inset = 0.5 * max(widths)
+        self.reset()
+        self._compile()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.map.clear()
+        self.reference = self.residual = np.nan
+        self._anchor: int | None = None
+        self._swinging = False  # whether the other foot is in the air
+        self._checked = True  # whether the map was compared with the sole of the present reference
+        self._bias = 0.0  # added to the heights of every cloud [m]
+        self._t = -np.inf
+
+    def update(self, cloud: PointCloud, posture: Posture) -> int:
+        """Fuse a cloud, with the posture at its stamp; returns how many cells it measured.
+
+        Clouds of several sensors may come in any order. One before the first contact of a foot is left out.
+        """
+        check_cloud(cloud)
+        sensor = self._sensors.get(cloud.frame)
+        if sensor is None:
+            raise MessageError(f"frame: '{cloud.frame[:32]}', expected one of {', '.join(self._sensors)}")
+        robot, fusion = self.robot, self.config.fusion
+        pin.framesForwardKinematics(robot.pin, self._data, posture.q)
+        self._follow_feet(posture)
+        if self._anchor is None:
+            return 0
+        if cloud.t > self._t:
+            if np.isfinite(self._t):
+                self.map.age(fusion.drift * (cloud.t - self._t))
+            self._t = cloud.t
+        self.map.move_to(*posture.q[:2])
+        place = self._data.oMf[robot.frame_id(cloud.frame)]
+        rays = cloud.points @ place.rotation.T  # (n, 3) along axes of W
+        points = rays + place.translation
+        kept = self._near(points)
+        kept[kept] = self._body.outside(points[kept], self._data)
+        rays, points = rays[kept], points[kept]
+        points[:, 2] += self._bias - self.reference
+        eye = place.translation + np.array([0.0, 0.0, self._bias - self.reference])
+        measured = cloud.points[kept, 2] if cloud.frame == DEPTH_FRAME else np.linalg.norm(rays, axis=1)
+        deviations = sensor.deviation(measured) * np.abs(rays[:, 2]) / measured
+        deviations = np.maximum(deviations, 0.1 * fusion.floor)  # a level ray has no error of its height
+        common = np.hypot(fusion.attitude * np.hypot(rays[:, 0], rays[:, 1]), sensor.scale * rays[:, 2])
+        return self.map.fuse(cloud.t, points, deviations, common, eye)
+
+    def patches(self) -> list[Patch]:
+        """Planar patches, heights above the stance sole, inset by half the width of a sole."""
+        return find_patches(self.map, self.config.patches, self._inset)
+
+    def _near(self, points: Matrix) -> np.ndarray:
+        """Whether points of W (n, 3) are in the map and not too far above or below the reference sole (n,)."""
+        _, inside = self.map.index(points[:, :2])
+        height = points[:, 2] - self.reference
+        near: np.ndarray = inside & (height <= self.config.height_max) & (height >= -self.config.depth_max)
+        return near
+
+    def _follow_feet(self, posture: Posture) -> None:
+        """Change the reference to a foot that has landed, and compare the map with the sole that alone bears load."""
+        soles = [self._data.oMf[foot.frame_id] for foot in self.robot.feet]
+        contacts = posture.contacts
+        if self._anchor is None:
+            if True not in contacts:
+                return
+            self._anchor = contacts.index(True)
+        anchor, other = self._anchor, 1 - self._anchor
+        if contacts[anchor]:
+            self.reference = float(soles[anchor].translation[2])
+        if contacts[other] and (self._swinging or not contacts[anchor]):
+            height = float(soles[other].translation[2])
+            self.map.shift(self.reference - height)
+            self.map.age(self.config.fusion.step)
+            self.reference, self._anchor, self._checked = height, other, False
+        elif contacts[anchor] and not contacts[other] and not self._checked:
+            self._checked = True
+            self._compare(anchor, soles[anchor])
+        self._swinging = not contacts[1 - self._anchor]
+
+    def _compare(self, foot: int, sole: pin.SE3) -> None:
+        """Shift map and coming clouds towards a sole that lies on a plane of the map."""
+        x_min, x_max, y_min, y_max = self.robot.feet[foot].rectangle
+        xs, ys = np.arange(x_min, x_max, self.map.cell), np.arange(y_min, y_max, self.map.cell)
+        local = np.array([[x, y, 0.0] for x in xs for y in ys])
+        points = local @ sole.rotation.T + sole.translation
+        errors = points[:, 2] - self.reference - self.map.at(points[:, :2])
+        feet, rough = self.config.feet, self.config.patches.roughness
+        if np.isnan(errors).any() or np.ptp(errors) > 2.0 * rough:
+            return
+        self.residual = float(np.median(errors))
+        if abs(self.residual) <= feet.limit:
+            self.map.shift(feet.share * self.residual)
+            self._bias += feet.share * self.residual
+
+    def _compile(self) -> None:
+        """Run every kernel once: the first cloud must not wait for the compiler."""
+        q = self.robot.standing_configuration()
+        frame = next(iter(self._sensors))
+        self.update(PointCloud(0.0, frame, np.ones((2, 3))), Posture(q, (True, True)))
+        self.patches()
+        self.reset()
