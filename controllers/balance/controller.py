@@ -237,6 +237,7 @@ class BalanceController:
             has_dcm,
             reference.sole_positions,
             self._zero_xy if reference.cmp_offset is None else reference.cmp_offset,
+            reference.momentum,
         )
         self.whole_body.com_task.override = self._arrays.acceleration
         return self._result(*self.whole_body.step(state, reference))

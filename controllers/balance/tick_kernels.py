@@ -161,6 +161,7 @@ def feedback_tick(
     led: bool,
     sole_positions: Array,
     shift: Array,
+    momentum: float,
 ) -> float:
     """DCM feedback of ``BalanceController``; returns the capture margin [m].
 
@@ -170,7 +171,7 @@ def feedback_tick(
     ``left`` and ``right`` are the feet planned to bear load, both where neither is. ``rise`` is the vertical
     acceleration of the CoM reference [m/s^2], which the force at the CMP provides, too. With ``led``, ``dcm`` and
     ``dcm_velocity`` (2,) replace the horizontal part of the CoM reference. ``shift`` is that of the CMP by the planned
-    reaction of the swing leg (2,) [m].
+    reaction of the swing leg (2,) [m]; ``momentum`` is the share of the largest reach beyond the edge [-].
     """
     arrays = balance.record
     measured, gains = arrays.com, arrays.gains
@@ -207,7 +208,8 @@ def feedback_tick(
                     + pose[i, 2] * corners[foot, corner, 2]
                 )
     count = convex_hull(points, hull)
-    margin = cmp_command(hull, count, arrays.dcm, desired, gains[1], gains[2], gains[3], gains[4], arrays.cmp)
+    largest = momentum * gains[4]
+    margin = cmp_command(hull, count, arrays.dcm, desired, gains[1], gains[2], gains[3], largest, arrays.cmp)
     for i in range(2):
         arrays.acceleration[i] = omega * omega * (1.0 + rise / GRAVITY) * (measured[i] - arrays.cmp[i])
     height, rate = position[2] - measured[2], velocity[2] - arrays.com_velocity[2]

@@ -123,6 +123,7 @@ class ReferenceBuilder:
             heading_rate=0.5 * float(state.swing.velocity[3]) if single else 0.0,
             cmp_offset=cmp_offset,
             sole_areas=state.footing.areas,
+            momentum=1.0 if state.step.urgent else 0.0,
             stiffness=state.pace.share,
         )
 

@@ -44,6 +44,21 @@ def test_the_cmp_is_kept_inside_the_stance_sole(case: tuple[BalanceController, R
     assert cmp_at(case, None)[0] == pytest.approx(heel, abs=1e-6)
 
 
+def test_angular_momentum_takes_the_cmp_beyond_the_edge_as_far_as_its_share_allows(
+    case: tuple[BalanceController, RobotState, Reference],
+) -> None:
+    """The DCM, in the middle between the soles, is to the right of the left one, which bears."""
+    controller, state, reference = case
+    reach = controller.config.stepping.momentum_reach_max
+    left = structs.replace(reference, dcm=controller.whole_body.terms.com[:2].copy())
+    edge, half, whole = (
+        controller.track(state, structs.replace(left, momentum=share)).zmp for share in (0.0, 0.5, 1.0)
+    )
+    assert edge is not None and half is not None and whole is not None
+    assert half - edge == pytest.approx([0.0, -0.5 * reach], abs=1e-3)
+    assert whole - edge == pytest.approx([0.0, -reach], abs=1e-3)
+
+
 def test_the_reaction_shifts_where_it_may_be(case: tuple[BalanceController, RobotState, Reference]) -> None:
     without = cmp_at(case, None)
     assert cmp_at(case, np.array([-0.1, 0.02])) - without == pytest.approx([-0.1, 0.02], abs=1e-6)
