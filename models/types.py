@@ -109,7 +109,7 @@ class Reference(Struct, frozen=True):
     heading_rate: float = 0.0  # of base and torso about the vertical [rad/s]
     cmp_offset: Vector | None = None  # CMP minus CoP for the angular momentum of the swing leg, in W (2,) [m]; optional
     sole_areas: Matrix | None = None  # bearing rectangle of each sole (x_min, x_max, y_min, y_max) [m]; None: whole
-    momentum: float = 1.0  # share of the largest distance of the CMP beyond the edge of the support [-]
+    momentum: float = 1.0  # allowed share of the largest distance of the CMP beyond the edge of the support [-]
     stiffness: float = 1.0  # share of the stiff gains of stepping; 0 in an undisturbed slow walk [-]
 
 

@@ -371,6 +371,7 @@ class BalanceController:
         )
         blended = replace(
             planned,
+            momentum=standing.momentum + share * (planned.momentum - standing.momentum),
             base_orientation=bodies[0],
             torso_orientation=bodies[1],
             posture=posture,

@@ -33,7 +33,7 @@ from planners.gait.strength import torque_limits
 from planners.gait.swing import SwingFoot
 
 _STILL = np.zeros(2)  #: Rate of a DCM at rest [m/s]
-_ON_FLOOR = 0.01  #: Difference in height of the soles up to which both are on the floor [m]
+_ON_FLOOR = 0.01  #: Height of a sole above its foothold up to which it is on the floor [m]
 _SWAP_ADVANTAGE = 0.01  #: Advantage that the foot nearer to the DCM needs to swing in place of the other one [m]
 
 
@@ -274,9 +274,9 @@ class GaitPlanner:
         dragged = bears[gait.stance] and not bears[1 - gait.stance]  # off the floor, by the body after a wide step
         far_off = self._far_off()
         # Also a foot that has just lost its load can bear again while it is on the floor.
-        left, right = gait.measured.soles
-        level = abs(left.z - right.z) < _ON_FLOOR
-        if far_off and bears[gait.stance] and level and not gait.command.route.steps:
+        other = 1 - gait.stance
+        on_floor = bears[other] or gait.measured.soles[other].z - gait.soles.holds[other].z < _ON_FLOOR
+        if far_off and bears[gait.stance] and on_floor and not gait.command.route.steps:
             self._choose_stance()
         if elapsed >= duration or far_off or dragged:
             self._lift()
