@@ -23,6 +23,11 @@ FIRST, SECOND = "10.213.1.2", "10.213.2.2"
 
 ERROR_MAX = 2000  #: Characters of a program's errors that are reported
 
+REMEDY = (
+    "install util-linux and iproute2, and run as root or permit namespaces to users: "
+    "sysctl kernel.unprivileged_userns_clone=1 (Debian), kernel.apparmor_restrict_unprivileged_userns=0 (Ubuntu)"
+)
+
 
 @cache
 def isolation() -> tuple[str, ...]:
@@ -36,11 +41,11 @@ def isolation() -> tuple[str, ...]:
                 [*command, "sh", "-c", trial], capture_output=True, text=True, timeout=20, check=False
             )
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise Unavailable(f"no network namespaces here: {error}") from error
+            raise Unavailable(f"no network namespaces here: {error}; {REMEDY}") from error
         if done.returncode == 0:
             return command
         why = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit code {done.returncode}"
-    raise Unavailable(f"no network namespaces here: {why}")
+    raise Unavailable(f"no network namespaces here: {why}; {REMEDY}")
 
 
 def plain_environment(root: Path, folder: Path) -> dict[str, str]:
@@ -76,7 +81,7 @@ def run_program(
         The value of the JSON.
 
     Raises:
-        PoiseError: A program that fails, with the end of its errors, or that needs longer.
+        PoiseError: A program that fails, with the end of its errors, that needs longer, or without JSON.
     """
     try:
         done = subprocess.run(
@@ -87,7 +92,11 @@ def run_program(
         raise PoiseError(f"{words[0]} {words[1]} has not ended after {timeout:g} s") from error
     if done.returncode:
         raise PoiseError(f"exit code {done.returncode}: {done.stderr[-ERROR_MAX:].strip()}")
-    return json.loads(done.stdout.strip().splitlines()[-1])
+    last = done.stdout.strip().rpartition("\n")[2]
+    try:
+        return json.loads(last)
+    except json.JSONDecodeError as error:
+        raise PoiseError(f"no JSON but '{last[-ERROR_MAX:]}': {done.stderr[-ERROR_MAX:].strip()}") from error
 
 
 @contextmanager
@@ -150,7 +159,10 @@ def _lay(name: str, address: str, other: str, there: Sequence[str]) -> None:
 
 
 def _ip(*words: str, inside: Sequence[str] = ()) -> str:
-    return subprocess.run([*inside, "ip", *words], check=True, stdout=subprocess.PIPE, text=True).stdout
+    done = subprocess.run([*inside, "ip", *words], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise PoiseError(f"ip {' '.join(words)}: exit code {done.returncode}: {done.stderr.strip()}")
+    return done.stdout
 
 
 def _plugged(end: str, inside: Sequence[str] = ()) -> None:
@@ -158,5 +170,5 @@ def _plugged(end: str, inside: Sequence[str] = ()) -> None:
     give_up = time.monotonic() + 20.0
     while " UP " not in _ip("-brief", "link", "show", end, inside=inside):
         if time.monotonic() > give_up:
-            sys.exit(f"{end} does not come up")
+            raise PoiseError(f"{end} does not come up")
         time.sleep(0.01)

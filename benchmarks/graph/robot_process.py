@@ -5,9 +5,11 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from benchmarks.core.cable import ERROR_MAX
 from models.errors import PoiseError
 
 LOOPBACK = Path(__file__).resolve().parents[2] / "bridge" / "config" / "loopback.xml"
@@ -34,7 +36,8 @@ class RobotProcess:
         if interface == "lo":
             local = {"FASTRTPS_DEFAULT_PROFILES_FILE": str(LOOPBACK), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
             environment = {**os.environ, **local}
-        self._errors = (folder / "robot.log").open("wb")
+        self._log = folder / "robot.log"
+        self._errors = self._log.open("wb")
         program = [sys.executable, "-m", module, side, interface, str(domain), *map(str, arguments)]
         self._process = subprocess.Popen(
             [*command, *program], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
@@ -42,13 +45,20 @@ class RobotProcess:
         )  # fmt: skip
 
     def __call__(self, name: str, *arguments: object) -> Any:
-        """Call a method of ``Program``; returns its result."""
+        """Call a method of ``Program``; returns its result. ``PoiseError`` when the process has ended."""
         assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.write(json.dumps([name, *arguments]) + "\n")
-        self._process.stdin.flush()
-        if line := self._process.stdout.readline():
+        line = ""
+        with suppress(BrokenPipeError):
+            self._process.stdin.write(json.dumps([name, *arguments]) + "\n")
+            self._process.stdin.flush()
+            line = self._process.stdout.readline()
+        if line:
             return json.loads(line)
-        raise PoiseError("the robot's process has ended")
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(5.0)
+        errors = self._log.read_text(encoding="utf-8", errors="replace")[-ERROR_MAX:].strip()
+        code = self._process.returncode
+        raise PoiseError(f"the robot's process has ended at '{name}', exit code {code}; {self._log.name}: {errors}")
 
     def close(self) -> None:
         """End the process."""
@@ -60,4 +70,5 @@ class RobotProcess:
             self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout, self._errors):
             if pipe is not None:
-                pipe.close()
+                with suppress(BrokenPipeError):  # of a call that an ended process has not read
+                    pipe.close()

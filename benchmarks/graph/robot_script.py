@@ -82,7 +82,8 @@ def drive(session: Session, script: Script, found: Measured) -> None:
     """Stand, motion, pushes and walk; ``PoiseError`` when the robot no longer stands."""
     found.phase = "stand"
     session.stand()
-    use_fifo(OPERATOR, lambda text: print(text, file=sys.stderr))  # an operator's computer is another one
+    # An operator's computer is another one. The graph restarts its processes from this one.
+    use_fifo(OPERATOR, lambda text: print(text, file=sys.stderr), inherited=False)
     session.pass_time(script.pause)
     begin = session.t
     found.drift = session.drift(script.stand_time).tolist()
@@ -105,7 +106,7 @@ def drive(session: Session, script: Script, found: Measured) -> None:
 def stop(session: HardwareSession, found: Measured) -> None:
     """Damp the robot by a fault of its side, and measure the reaction."""
     found.phase = "stop"
-    found.answer_ms = {name: float(session.value(key)) for name, key in ANSWER_VALUES.items()}
+    found.answer_ms = {name: session.number(key) for name, key in ANSWER_VALUES.items()}
     session.robot("stop", "set", "mode_machine", STOPPED_TYPE)
     session.reach("damped")
     found.stopped = session.waits_for

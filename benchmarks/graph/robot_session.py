@@ -87,6 +87,13 @@ class Session(ABC):
         """Newest value in the diagnostics of the driver; empty before the first."""
         return self._values.get(name, "")
 
+    def number(self, name: str) -> float:
+        """``value`` as a number; ``PoiseError`` where it is none."""
+        try:
+            return float(self.value(name))
+        except ValueError as error:
+            raise PoiseError(f"'{name}' in the diagnostics of the driver is '{self.value(name)}', no number") from error
+
     def pass_time(self, time_s: float) -> None:
         """Spin until the robot's time has advanced, which waits on a busy machine."""
         self.update()

@@ -248,7 +248,7 @@ class Program:
         return True
 
     def push(self, x: float, y: float, z: float, duration: float) -> bool:
-        """Push the torso [N]."""
+        """Push the base at its CoM with a force in W [N] for a time [s]."""
         self.robot.plant.push((x, y, z), duration)
         return True
 

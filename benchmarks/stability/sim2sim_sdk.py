@@ -113,6 +113,8 @@ def judged(found: dict[str, Any]) -> Case:
         case["stop"] = float(found["stop_ms"])
         if found["kp"] or not found["kd"]:
             reasons.append(f"the stop left kp {found['kp']:g}, kd {found['kd']:g}: no damping")
+    elif found["phase"] == "stop" and not found["failure"]:  # the script of the simulated plant ends with the walk
+        reasons.append("no damping command received")
     case["reason"] = "; ".join(filter(None, reasons))
     return case | {"survived": not case["reason"]}
 

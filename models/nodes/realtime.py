@@ -40,12 +40,16 @@ def release() -> None:
 _done: set[str] = set()  #: Completed steps of this process; nodes that share it request the same ones
 
 
-def use_fifo(priority: int, log: Callable[[str], object]) -> bool:
-    """Schedule all threads first-in first-out, at priority 1 to 99; 0: no change. Logs and returns the outcome."""
+def use_fifo(priority: int, log: Callable[[str], object], inherited: bool = True) -> bool:
+    """Schedule all threads first-in first-out, at priority 1 to 99; 0: no change. Logs and returns the outcome.
+
+    Processes and threads that are started later have this priority too, or the ordinary one if it is not ``inherited``.
+    """
     if priority <= 0 or f"fifo {priority}" in _done:
         return priority > 0
+    policy = os.SCHED_FIFO | (0 if inherited else os.SCHED_RESET_ON_FORK)
     try:
-        each_thread(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority)))
+        each_thread(lambda thread: os.sched_setscheduler(thread, policy, os.sched_param(priority)))
     except OSError as error:
         log(f"SCHED_FIFO {priority} not permitted ({error.strerror}): scheduled like any other process")
         return False

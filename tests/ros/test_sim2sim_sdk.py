@@ -1,7 +1,9 @@
 """The benchmark behind Unitree's SDK: cases, verdicts, and what it says where it cannot be run."""
 
+import os
 import subprocess
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,11 +13,14 @@ from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Options, Report
 from benchmarks.core.machine import Unavailable
 from benchmarks.core.results import NOT_RUN
-from benchmarks.graph.robot_script import Measured, Run
+from benchmarks.graph.robot_process import RobotProcess
+from benchmarks.graph.robot_script import Measured, Run, drive, stop
+from benchmarks.graph.robot_session import HardwareSession
 from benchmarks.stability import sim2sim, sim2sim_sdk
 from bridge.plants.deviation import Deviation
 from models.config import parse_config
 from models.errors import ConfigError, PoiseError
+from models.nodes import realtime
 
 pytestmark = pytest.mark.ros
 
@@ -68,6 +73,7 @@ def test_a_run_is_passed_on_as_the_process_reads_it(monkeypatch: pytest.MonkeyPa
         ({"odometry": [12.2, 0.0]}, "odometry_sdk", ""),
         ({"odometry": [12.0, 0.2]}, "odometry_sdk", ""),
         ({"stop_ms": 11}, "stop_sdk_ms", ""),
+        ({"stop_ms": None}, "survived_sdk", "no damping command received"),
         ({"pushes": [True, False, False, False]}, "survived_sdk", "1 of 4 pushes survived"),
         ({"kp": 10.0}, "survived_sdk", "no damping"),
         ({"failure": "no new state", "walked": None, "odometry": None}, "survived_sdk", "no new state"),
@@ -80,6 +86,10 @@ def test_each_demand_decides(changes: dict[str, Any], figure: str, reason: str) 
     assert BENCH.passed(report) is not bool(changes)
     assert [text.split()[0] for text in failed] == ([figure] if figure else [])
     assert reason in case["reason"] and any(reason in note for note in BENCH.notes(report))
+
+
+def test_the_simulated_plant_needs_no_stop() -> None:
+    assert sim2sim_sdk.judged(results(phase="walk", stop_ms=None))["survived"]
 
 
 def test_without_the_sdk_or_namespaces_it_says_so_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,7 +106,8 @@ def test_without_the_sdk_or_namespaces_it_says_so_by_name(monkeypatch: pytest.Mo
     cable.isolation.cache_clear()
     monkeypatch.setattr(cable.subprocess, "run", refused)
     try:
-        with pytest.raises(Unavailable, match="no network namespaces here: unshare: Operation not permitted"):
+        expected = "no network namespaces here: unshare: Operation not permitted; .* root .* sysctl kernel.unpriv"
+        with pytest.raises(Unavailable, match=expected):
             sim2sim_sdk.check_sdk()
     finally:
         cable.isolation.cache_clear()
@@ -110,3 +121,51 @@ def test_a_program_that_fails_is_reported_with_its_errors(tmp_path: Any) -> None
         cable.run_program(words, tmp_path, {}, timeout=20.0)
     with pytest.raises(PoiseError, match=r"has not ended after 0\.1 s"):
         cable.run_program(["-c", "import time; time.sleep(9)"], tmp_path, {}, timeout=0.1)
+    for code, said in (("pass", "no JSON but ''"), ("print('hello')", "no JSON but 'hello'")):
+        with pytest.raises(PoiseError, match=said):
+            cable.run_program(["-c", code], tmp_path, {}, timeout=20.0)
+
+
+def test_a_cable_that_cannot_be_laid_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fake = tmp_path / "ip"
+    fake.write_text("#!/bin/sh\necho 'not permitted' >&2\nexit 2\n")
+    fake.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    with pytest.raises(PoiseError, match="ip -brief link show cable0: exit code 2: not permitted"):
+        cable._plugged("cable0")
+    fake.write_text("#!/bin/sh\necho cable0 DOWN\n")
+    times = iter((0.0, 30.0))
+    monkeypatch.setattr(cable.time, "monotonic", lambda: next(times))
+    with pytest.raises(PoiseError, match="cable0 does not come up"):
+        cable._plugged("cable0")
+
+
+def test_a_robot_that_has_ended_is_an_error_with_its_log(tmp_path: Path) -> None:
+    robot = RobotProcess("sdk", "lo", tmp_path, command=("sh", "-c", "echo broken >&2; exit 3"))
+    for name in ("report", "push"):  # the second is written to a closed pipe
+        with pytest.raises(PoiseError, match=f"ended at '{name}', exit code 3; robot.log: broken"):
+            robot(name)
+    robot.close()
+
+
+def test_a_missing_figure_of_the_driver_is_an_error_by_name() -> None:
+    session = HardwareSession.__new__(HardwareSession)
+    session._values = {}
+    with pytest.raises(PoiseError, match=r"'sample to command p50 \[ms\]' in the diagnostics of the driver is ''"):
+        stop(session, Measured())
+
+
+def test_processes_that_the_operator_starts_do_not_inherit_its_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Standing:
+        def stand(self) -> None: ...
+
+        def pass_time(self, time_s: float) -> None:
+            raise PoiseError("enough")
+
+    policies: set[int] = set()
+    monkeypatch.setattr(realtime, "_done", set())
+    monkeypatch.setattr(realtime.os, "sched_setscheduler", lambda thread, policy, priority: policies.add(policy))
+    script = parse_config(Run, {"script": CONFIG.script, "sdk": True}, "run").script
+    with pytest.raises(PoiseError, match="enough"):
+        drive(Standing(), script, Measured())  # type: ignore[arg-type]
+    assert policies == {os.SCHED_FIFO | os.SCHED_RESET_ON_FORK}
