@@ -116,6 +116,11 @@ def test_each_mode_has_its_usual_seeds(name: str, asked: list[tuple[str, Options
     assert [(found, options.seeds) for found, options in asked] == [(name, listed.info.seeds)]
 
 
+def test_each_benchmark_has_a_place_of_its_own_in_the_report() -> None:
+    orders = [listed.info.order for listed in catalogue().values()]
+    assert len(set(orders)) == len(orders)
+
+
 @pytest.mark.parametrize("name", list(catalogue()))
 def test_the_report_of_every_benchmark_is_drawn_by_it(
     name: str, tmp_path: Path, asked: list[tuple[str, Options]]
