@@ -98,7 +98,7 @@ class JointMonitor:
 
     @property
     def lookahead(self) -> float:
-        """Time that setpoints look ahead of a sample: a share of that until its command's law is evaluated [s]."""
+        """Look-ahead of the setpoints: a share of the delay of the command [s]."""
         return 0.0 if self._memory.fit[0] else self.config.lookahead * (self.delay - self._period)
 
     def reset(self) -> None:
