@@ -17,7 +17,9 @@ class GroundView:
 
     Attributes:
         mapper: The law.
-        delays: From the light of each cloud to its map: latency, and the time of the update on this processor [s].
+        blind: Whether the sensors measure nothing.
+        delays: From the light of each cloud to its map: the configured latency up to the next tick, and the processor
+            time of the update; without the transport of messages [s].
         costs: Processor time of each update by the frame of its sensor [s].
     """
 
@@ -33,10 +35,11 @@ class GroundView:
         if not self._sensors:
             raise ConfigError(f"terrain_map: {robot.name} has neither sensors.depth nor sensors.lidar")
         self.mapper = TerrainMapper(robot)
+        self.blind = False
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget the ground; a seed replaces the present one."""
+        """Forget the ground; a seed replaces the present one. ``blind`` stays."""
         self.mapper.reset()
         self.delays: list[float] = []
         self.costs: dict[str, list[float]] = {}
@@ -49,19 +52,25 @@ class GroundView:
         """Measure what is due after a tick, and map what has arrived."""
         t = self._lockstep.plant.t
         for i, sensor in enumerate(self._sensors):
-            if t >= self._due[i]:
+            if t >= self._due[i] and not self.blind:
                 self._due[i] = t + 1.0 / sensor.config.rate
                 self._waiting[i].append((t + sensor.config.latency, *self._measure(sensor.cloud)))
             while self._waiting[i] and self._waiting[i][0][0] <= t:
                 _, cloud, posture = self._waiting[i].popleft()
                 self._map(cloud, posture)
+        if t - self.mapper.t >= self.mapper.config.feet.period:
+            self.mapper.follow(t, self._posture())
 
     def _measure(self, cloud: Callable[[float], PointCloud]) -> tuple[PointCloud, Posture]:
-        plant, state = self._lockstep.plant, self._lockstep.stack.state
+        plant = self._lockstep.plant
         self._world.obstacle = plant.obstacle.centre
         self._world.set(plant.truth.q)
+        return cloud(plant.t), self._posture()
+
+    def _posture(self) -> Posture:
+        state = self._lockstep.stack.state
         left, right = state.contacts
-        return cloud(plant.t), Posture(state.q.copy(), (left.active, right.active))
+        return Posture(state.q.copy(), (left.active, right.active))
 
     def _map(self, cloud: PointCloud, posture: Posture) -> None:
         begin = time.thread_time()

@@ -26,7 +26,6 @@ from models.nodes.perception import cloud_from_message
 from models.nodes.qos import COMMAND, LATCHED, SENSOR, STATE
 from models.nodes.services import own_message
 from models.nodes.spin import program
-from models.types import Vector
 from planners.terrain.config import TerrainMapConfig
 from planners.terrain.mapper import Posture, TerrainMapper
 
@@ -55,13 +54,17 @@ class _History:
     def around(self, stamp: int, tolerance: int) -> tuple[Any, Any, float] | None:
         """Messages before and after a stamp [ns], and its share of the way from one to the other [-].
 
-        At either end of the history one message is both; None when it is farther than a tolerance [ns], or missing.
+        At that stamp and at either end of the history one message is both. None when either is farther than a tolerance
+        [ns], or missing.
         """
-        place = bisect_right(self._kept, stamp, key=lambda each: each[0])
-        before, after = max(place - 1, 0), min(place, len(self._kept) - 1)
-        if after < 0 or max(self._kept[before][0] - stamp, stamp - self._kept[after][0]) > tolerance:
+        if not self._kept:
             return None
-        (start, first), (end, second) = self._kept[before], self._kept[after]
+        place = bisect_right(self._kept, stamp, key=lambda each: each[0])
+        (start, first), (end, second) = self._kept[max(place - 1, 0)], self._kept[min(place, len(self._kept) - 1)]
+        if start == stamp:
+            end, second = start, first
+        if max(abs(stamp - start), abs(end - stamp)) > tolerance:
+            return None
         return first, second, min(max((stamp - start) / max(end - start, 1), 0.0), 1.0)
 
 
@@ -86,6 +89,7 @@ class TerrainMapperNode(PoiseNode):
         self._law = TerrainMapper(self.model, self._config)
         self._odometry, self._joints, self._contacts = _History(), _History(), _History()
         self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(self.model)
+        self._coming: tuple[bool, bool] | None = None  # contacts whose odometry has yet to come
         self._offsets = np.zeros(self.model.nj)
         self._missing, self._outputs = "", list[tuple[Any, Callable[[int], Any]]]()
         try:
@@ -96,12 +100,12 @@ class TerrainMapperNode(PoiseNode):
             ]
         except MessageError as error:
             self._missing = str(error)
-        self.listen(Odometry, topics.ODOM, lambda data: self._odometry.add(stamp_of(data), data), SENSOR, raw=True)
+        self.listen(UInt8MultiArray, topics.CONTACTS, self._on_contacts, SENSOR)  # served before their odometry
+        self.listen(Odometry, topics.ODOM, self._on_odometry, SENSOR, raw=True)
         self.listen(
             JointState, topics.JOINT_STATES, lambda data: self._joints.add(stamp_of(data), data), SENSOR, raw=True
         )
         self.listen(JointState, topics.ENCODER_OFFSETS, self._on_offsets, LATCHED, raw=True)
-        self.listen(UInt8MultiArray, topics.CONTACTS, self._on_contacts, SENSOR)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
         sensors, qos = self.model.profile.sensors, COMMAND if self._reliable else SENSOR
         if sensors.depth is not None:
@@ -117,9 +121,20 @@ class TerrainMapperNode(PoiseNode):
     def _on_offsets(self, data: bytes) -> None:
         self._offsets = self._joints_codec.decode(data)[1]
 
+    def _on_odometry(self, data: bytes) -> None:
+        stamp = stamp_of(data)
+        if self.active and stamp < (self._odometry.newest or 0):
+            self.activate()  # a new run
+        self._odometry.add(stamp, data)
+        if self._coming is not None:
+            self._contacts.add(stamp, self._coming)
+            self._coming = None
+        due = self.active and to_seconds(stamp) - self._law.t >= self._config.feet.period
+        if due and (posture := self._posture(stamp)) is not None:
+            self._law.follow(to_seconds(stamp), posture)
+
     def _on_contacts(self, message: Any) -> None:
-        if (stamp := self._odometry.newest) is not None:  # contacts have no stamp, and come with an odometry
-            self._contacts.add(stamp, contacts_from_message(message))
+        self._coming = contacts_from_message(message)  # without a stamp, published before the odometry of their tick
 
     def _on_driver_state(self, message: Any) -> None:
         if message.data == topics.HELD:  # set upright somewhere: the ground there is another
@@ -127,24 +142,43 @@ class TerrainMapperNode(PoiseNode):
 
     def _on_cloud(self, message: Any) -> None:
         stamp = stamp_ns(message.header.stamp)
-        if stamp < self._published[0] - NANOSECONDS:
-            self.activate()
+        if absent := self._absent(stamp):
+            raise MessageError(f"no {', '.join(absent)} within {self._tolerance / 1e9:g} s of the points")
         posture = self._posture(stamp)
+        if posture is None:
+            return
         begin = time.monotonic()
         self._law.update(cloud_from_message(message), posture)
         self._took, self._clouds = time.monotonic() - begin, self._clouds + 1
         self._publish(stamp)
 
-    def _posture(self, stamp: int) -> Posture:
-        """Estimate at a stamp [ns], between the messages around it; ``MessageError`` where there are none."""
-        found = [each.around(stamp, self._tolerance) for each in (self._odometry, self._joints, self._contacts)]
-        if None in found:
-            raise MessageError(f"no odometry, joints and contacts within {self._tolerance / 1e9:g} s of the points")
-        odometry, joints, contacts = (each for each in found if each is not None)
-        first, second = (pin.XYZQUATToSE3(self._odometry_codec.decode(data)[1]) for data in odometry[:2])
-        pose = pin.SE3ToXYZQUAT(pin.SE3.Interpolate(first, second, odometry[2]))
-        angles: Vector = self._joints_codec.decode(joints[0])[1] - self._offsets
-        return Posture(np.concatenate([pose, angles]), contacts[0])
+    def _absent(self, stamp: int) -> list[str]:
+        """Topics without messages around a stamp [ns]."""
+        histories = {topics.ODOM: self._odometry, topics.JOINT_STATES: self._joints, topics.CONTACTS: self._contacts}
+        return [topic for topic, each in histories.items() if each.around(stamp, self._tolerance) is None]
+
+    def _posture(self, stamp: int) -> Posture | None:
+        """Estimate at a stamp [ns], between the messages around it; None if one is absent, or malformed and refused."""
+        odometry, joints, contacts = (
+            each.around(stamp, self._tolerance) for each in (self._odometry, self._joints, self._contacts)
+        )
+        if odometry is None or joints is None or contacts is None:
+            return None
+        poses = [self._decoded(topics.ODOM, self._odometry_codec, data) for data in odometry[:2]]
+        angles = [self._decoded(topics.JOINT_STATES, self._joints_codec, data) for data in joints[:2]]
+        if any(each is None for each in (*poses, *angles)):
+            return None
+        pose = pin.SE3ToXYZQUAT(pin.SE3.Interpolate(*map(pin.XYZQUATToSE3, poses), odometry[2]))
+        q = angles[0] + joints[2] * (angles[1] - angles[0]) - self._offsets
+        return Posture(np.concatenate([pose, q]), contacts[0] if contacts[2] < 0.5 else contacts[1])
+
+    def _decoded(self, topic: str, codec: OdometryCodec | JointStateCodec, data: bytes) -> Any:
+        """Pose or joint angles of a message; None for a malformed one, which is refused."""
+        try:
+            return codec.decode(data)[1]
+        except MessageError as error:
+            self.refuse(topic, error)
+            return None
 
     def _publish(self, stamp: int) -> None:
         """Publish what is due at a stamp [ns] and has a subscriber."""

@@ -36,6 +36,7 @@ class FusionConfig:
 class FeetConfig:
     """Landed soles as measurements of the ground."""
 
+    period: Positive  #: The feet are followed at least so often, with or without clouds [s]
     share: Proportion  #: Of the difference to the map under a landed sole that shifts the map [-]
     limit: Positive  #: Larger differences shift nothing [m]
 

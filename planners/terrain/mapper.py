@@ -32,12 +32,13 @@ class TerrainMapper:
     between both soles, which follows from the joint angles. Places are those of the odometry. Once a landed foot
     alone bears the robot, the difference of its sole to a level part of the map below it shifts map and coming clouds.
 
-    Points of the robot itself are left out; see ``BodyFilter``. ``update`` refuses a malformed cloud with a
-    ``MessageError``.
+    Points of the robot itself are left out, see ``BodyFilter``, and those outside of the sensor's range: drivers send
+    zeros for pixels without a measurement. ``update`` refuses a malformed cloud with a ``MessageError``.
 
     Attributes:
         map: The grid.
-        reference: Height of the reference sole in W [m], by the odometry; nan before the first cloud.
+        t: Stamp up to which the feet are followed [s]; -inf before the first contact.
+        reference: Height of the reference sole in W [m], by the odometry; nan before the first contact.
         residual: Last difference of a landed sole to a level part of the map below it [m]; nan before the first.
 
     Raises:
@@ -66,36 +67,48 @@ class TerrainMapper:
         self._swinging = False  # whether the other foot is in the air
         self._checked = True  # whether the map was compared with the sole of the present reference
         self._bias = 0.0  # added to the heights of every cloud [m]
-        self._t = -np.inf
+        self.t = -np.inf
+
+    def follow(self, t: float, posture: Posture) -> None:
+        """Follow the feet and age the map up to a stamp [s]; an earlier one than ``t`` is left out.
+
+        ``update`` does so for each cloud. Where clouds stay away for a while it is called every ``feet.period``: a foot
+        that stands again after a step that was not followed may stand one stair higher.
+        """
+        pin.framesForwardKinematics(self.robot.pin, self._data, posture.q)
+        if t < self.t:
+            return
+        self._follow_feet(posture)
+        if self._anchor is not None:
+            if np.isfinite(self.t):
+                self.map.age(self.config.fusion.drift * (t - self.t))
+            self.t = t
 
     def update(self, cloud: PointCloud, posture: Posture) -> int:
         """Fuse a cloud, with the posture at its stamp; returns how many cells it measured.
 
-        Clouds of several sensors may come in any order. One before the first contact of a foot is left out.
+        Clouds of several sensors may come in any order: the feet are followed by those that are newest so far. One
+        before the first contact of a foot is left out.
         """
         check_cloud(cloud)
         sensor = self._sensors.get(cloud.frame)
         if sensor is None:
             raise MessageError(f"frame: '{cloud.frame[:32]}', expected one of {', '.join(self._sensors)}")
         robot, fusion = self.robot, self.config.fusion
-        pin.framesForwardKinematics(robot.pin, self._data, posture.q)
-        self._follow_feet(posture)
+        self.follow(cloud.t, posture)
         if self._anchor is None:
             return 0
-        if cloud.t > self._t:
-            if np.isfinite(self._t):
-                self.map.age(fusion.drift * (cloud.t - self._t))
-            self._t = cloud.t
         self.map.move_to(*posture.q[:2])
         place = self._data.oMf[robot.frame_id(cloud.frame)]
         rays = cloud.points @ place.rotation.T  # (n, 3) along axes of W
         points = rays + place.translation
-        kept = self._near(points)
+        measured = cloud.points[:, 2] if cloud.frame == DEPTH_FRAME else np.linalg.norm(cloud.points, axis=1)  # (n,)
+        kept = self._near(points) & (measured > 0.0)
+        kept &= (measured >= sensor.range_min) & (measured <= sensor.range_max)
         kept[kept] = self._body.outside(points[kept], self._data)
-        rays, points = rays[kept], points[kept]
+        rays, points, measured = rays[kept], points[kept], measured[kept]
         points[:, 2] += self._bias - self.reference
         eye = place.translation + np.array([0.0, 0.0, self._bias - self.reference])
-        measured = cloud.points[kept, 2] if cloud.frame == DEPTH_FRAME else np.linalg.norm(rays, axis=1)
         deviations = sensor.deviation(measured) * np.abs(rays[:, 2]) / measured
         deviations = np.maximum(deviations, 0.1 * fusion.floor)  # a level ray has no error of its height
         common = np.hypot(fusion.attitude * np.hypot(rays[:, 0], rays[:, 1]), sensor.scale * rays[:, 2])

@@ -61,7 +61,7 @@ def test_the_upper_of_two_levels_counts(grid: ElevationMap) -> None:
 
 
 @pytest.mark.parametrize("rise", [0.06, 0.15, 0.7, -0.3])
-def test_a_wrong_height_is_not_believed_at_once_and_replaced_if_it_stays(grid: ElevationMap, rise: float) -> None:
+def test_a_wrong_height_is_replaced_only_if_it_stays(grid: ElevationMap, rise: float) -> None:
     i, j = grid.index(np.array([[0.51, 0.31]]))[0][0]
     for k in range(5):
         measure(grid, float(k), [[0.51, 0.31, 0.0]], 0.005)

@@ -1,12 +1,16 @@
 """The mapper: heights above the stance sole whatever the odometry drifts, soles that correct it, the robot left out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from models.config import default_config
 from models.errors import ConfigError, MessageError
 from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, PointCloud
 from models.robot_model import RobotModel
+from planners.terrain.config import TerrainMapConfig
 from planners.terrain.mapper import Posture, TerrainMapper
 
 AHEAD = np.array([[x, y] for x in np.arange(0.3, 1.2, 0.01) for y in np.arange(-0.5, 0.5, 0.01)])
@@ -76,6 +80,59 @@ def test_a_reference_lost_without_double_support_is_bridged_by_the_odometry(
     mapper.update(cloud_of(g1, q, ground(0.0)), Posture(q, LEFT))
     mapper.update(PointCloud(0.1, DEPTH_FRAME, np.zeros((0, 3))), Posture(raised, RIGHT))
     np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), -rise, atol=1e-6)
+
+
+def test_feet_are_followed_where_no_cloud_comes(g1: RobotModel, mapper: TerrainMapper) -> None:
+    """A stair climbed without a cloud: in the end the foot that stood before stands again, one rise higher."""
+    q = g1.standing_configuration()
+    raised, rise = lifted(g1, q, "right", 0.6)
+    mapper.update(cloud_of(g1, q, ground(0.0)), Posture(q, LEFT))
+    i, j = mapper.map.index(AHEAD[:1])[0][0]
+    variance = mapper.map.variance[i, j]
+    above = q.copy()
+    above[2] += rise
+    for k, (state, contacts) in enumerate(
+        ((raised, LEFT), (raised, BOTH), (raised, RIGHT), (above, BOTH), (above, LEFT))
+    ):
+        mapper.follow(0.1 + 0.1 * k, Posture(state, contacts))
+    np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), -rise, atol=1e-6)
+    assert (mapper.t, mapper.reference) == (pytest.approx(0.5), pytest.approx(rise, abs=1e-6))
+    fusion = mapper.config.fusion
+    assert mapper.map.variance[i, j] - variance == pytest.approx(0.5 * fusion.drift + 2.0 * fusion.step)
+
+
+def test_a_late_cloud_moves_no_reference(g1: RobotModel, mapper: TerrainMapper) -> None:
+    """The lidar's cloud from before the touchdown that the camera's cloud has followed."""
+    q = g1.standing_configuration()
+    raised, rise = lifted(g1, q, "right", 0.6)
+    mapper.update(cloud_of(g1, q, ground(0.0)), Posture(raised, LEFT))
+    empty = PointCloud(0.2, DEPTH_FRAME, np.zeros((0, 3)))
+    mapper.update(empty, Posture(raised, BOTH))
+    late = cloud_of(g1, raised, ground(0.0), 0.1, LIDAR_FRAME)
+    assert mapper.update(late, Posture(raised, LEFT)) > 2000
+    np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), -rise, atol=1e-3)
+    assert (mapper.reference, mapper.t) == (pytest.approx(rise, abs=1e-6), 0.2)
+    mapper.update(PointCloud(0.3, DEPTH_FRAME, empty.points), Posture(raised, BOTH))
+    np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), -rise, atol=1e-3)
+    assert mapper.reference == pytest.approx(rise, abs=1e-6) and mapper.t == 0.3
+
+
+@pytest.mark.parametrize("frame", [DEPTH_FRAME, LIDAR_FRAME])
+def test_points_out_of_the_sensors_range_are_left_out(g1: RobotModel, frame: str) -> None:
+    """As of drivers that send zeros for pixels without a measurement; heights and robot hide none of them here."""
+    config = default_config(TerrainMapConfig, "planners", "terrain_map")
+    mapper = TerrainMapper(g1, replace(config, length=10.0, height_max=50.0, depth_max=50.0))
+    mapper._body.outside = lambda points, data: np.ones(len(points), dtype=bool)  # type: ignore[method-assign]
+    q, sensor = g1.standing_configuration(), mapper._sensors[frame]
+    ray = np.array([0.0, 0.0, 1.0])
+    if frame == LIDAR_FRAME:  # its reach is beyond the map: upwards
+        ray = placed(g1, q).oMf[g1.frame_id(frame)].rotation.T @ ray
+    for distance in (0.0, 0.5 * sensor.range_min, 1.01 * sensor.range_max):
+        assert mapper.update(PointCloud(0.0, frame, np.tile(distance * ray, (9, 1))), Posture(q, BOTH)) == 0
+    if frame == DEPTH_FRAME:
+        assert mapper.update(PointCloud(0.0, frame, np.tile(-ray, (9, 1))), Posture(q, BOTH)) == 0
+    assert np.isnan(mapper.map.height).all() and np.isinf(mapper.map.variance).all()
+    assert mapper.update(PointCloud(0.0, frame, np.tile(2.0 * sensor.range_min * ray, (9, 1))), Posture(q, BOTH)) == 1
 
 
 @pytest.mark.parametrize(("error", "expected"), [(0.02, 0.01), (-0.03, -0.015), (0.08, 0.08)])
