@@ -32,13 +32,17 @@ class _Output:
 
     def __init__(self, publishers: dict[str, Any], rate: float, latency: float, phase: float) -> None:
         self.publishers = publishers
-        self.due = Due(round(NANOSECONDS / rate), phase)
-        self._latency = to_ns(latency)
+        self._period, self._phase, self._latency = round(NANOSECONDS / rate), phase, to_ns(latency)
+        self.restart()
+
+    def restart(self) -> None:
+        """Drop what waits; the next stamp is due."""
+        self.due = Due(self._period, self._phase)
         self._waiting: deque[tuple[int, Any, Any]] = deque()
 
     @property
     def used(self) -> bool:
-        """Whether anybody subscribes to one of the topics."""
+        """Whether one of the topics has a subscriber."""
         return any(publisher.get_subscription_count() for publisher in self.publishers.values())
 
     def hold(self, stamp: int, messages: dict[str, Any]) -> None:
@@ -46,9 +50,7 @@ class _Output:
         self._waiting += [(stamp + self._latency, self.publishers[topic], text) for topic, text in messages.items()]
 
     def publish(self, stamp: int) -> None:
-        """Publish what has arrived at a stamp [ns]; time that runs backwards is a new run, in which nothing waits."""
-        if self._waiting and self._waiting[0][0] > stamp + self._latency + NANOSECONDS:
-            self._waiting.clear()
+        """Publish what has arrived at a stamp [ns]."""
         while self._waiting and self._waiting[0][0] <= stamp:
             _, publisher, message = self._waiting.popleft()
             publisher.publish(message)
@@ -79,7 +81,7 @@ class RangeSensorNode(PoiseNode):
             publishers = {topics.LIDAR_POINTS: self.announce(PointCloud2, topics.LIDAR_POINTS, STATE)}
             self._outputs["lidar"] = _Output(publishers, sensors.lidar.rate, sensors.lidar.latency, 0.5)
         self._casts = {"depth": self._cast_depth, "lidar": self._cast_lidar}
-        TrueStates(self, self._is_due, self._measure, self._on_obstacle)
+        TrueStates(self, self._is_due, self._measure, self._on_obstacle, self._on_stamp)
 
     def activate(self) -> None:
         sensors = self.model.profile.sensors
@@ -89,15 +91,27 @@ class RangeSensorNode(PoiseNode):
         if sensors.lidar is not None:
             self._lidar = SimulatedLidar(self._world, self._seed, self._noise)
         self._measured: list[str] = []  # sensors that are due now
+        self._restart()
+
+    def _restart(self) -> None:
+        self._stamp = 0  # of the newest state [ns]
+        for output in self._outputs.values():
+            output.restart()
+
+    def _on_stamp(self, stamp: int) -> None:
+        """Publish what has waited long enough; time that runs backwards is a new run, in which nothing waits."""
+        if stamp < self._stamp:
+            self._restart()
+        self._stamp = stamp
+        for output in self._outputs.values():
+            output.publish(stamp)
 
     def _on_obstacle(self, centre: Vector) -> None:
         if self.active:
             self._world.obstacle = centre
 
     def _is_due(self, stamp: int) -> bool:
-        """Publish what has waited long enough, and find out which sensors measure now."""
-        for output in self._outputs.values():
-            output.publish(stamp)
+        """Find out which sensors measure now."""
         self._measured = [name for name, output in self._outputs.items() if output.used and output.due(stamp)]
         return bool(self._measured)
 

@@ -23,7 +23,7 @@ class TrueStates:
 
     While the node is active each state of which base and joints have arrived is offered by its stamp [ns] to ``due``,
     and given with that stamp as a configuration (nq,) to ``on_state`` where it is due. ``on_obstacle`` receives the
-    middle of the terrain's box (3,) [m].
+    middle of the terrain's box (3,) [m], and the optional ``on_stamp`` the stamp of each such state, due or not.
     """
 
     def __init__(
@@ -32,8 +32,10 @@ class TrueStates:
         due: Callable[[int], bool],
         on_state: Callable[[int, Vector], None],
         on_obstacle: Callable[[Vector], None],
+        on_stamp: Callable[[int], None] | None = None,
     ) -> None:
         self._node, self._due, self._on_state, self._on_centre = node, due, on_state, on_obstacle
+        self._on_stamp = on_stamp
         self._odometry = b""
         self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(node.model)
         node.listen(Odometry, topics.GROUND_TRUTH, self._on_odometry, SENSOR, raw=True)
@@ -51,7 +53,11 @@ class TrueStates:
         """Hand on a state once base and joints of the same tick have arrived."""
         try:
             stamp = stamp_of(data)
-            if not self._odometry or stamp_of(self._odometry) != stamp or not self._due(stamp):
+            if not self._odometry or stamp_of(self._odometry) != stamp:
+                return
+            if self._on_stamp is not None:
+                self._on_stamp(stamp)
+            if not self._due(stamp):
                 return
             joints = self._joints_codec.decode(data)[1]
             pose: Vector = self._odometry_codec.decode(self._odometry)[1]

@@ -154,7 +154,7 @@ class World:
         raise AssertionError("it did not happen in time")
 
 
-def test_sensors_measure_while_somebody_listens_and_come_with_their_latency(bench: Any, g1: RobotModel) -> None:
+def test_sensors_measure_while_subscribed_to_and_come_with_their_latency(bench: Any, g1: RobotModel) -> None:
     node = bench.add(RangeSensorNode, noise=0.0)
     world = World(bench, g1)
     world.until(lambda: len({cloud.frame for _, cloud in world.clouds}) == 2 and world.pictures and world.infos)
@@ -173,7 +173,7 @@ def test_sensors_measure_while_somebody_listens_and_come_with_their_latency(benc
     assert node.message == "measuring" and "newest lidar took [ms]" in node.values
 
 
-def test_nothing_is_cast_for_nobody(bench: Any, g1: RobotModel) -> None:
+def test_nothing_is_cast_without_a_subscriber(bench: Any, g1: RobotModel) -> None:
     node = bench.add(RangeSensorNode)
     world = World(bench, g1, listens=False)
     for _ in range(20):
@@ -182,6 +182,25 @@ def test_nothing_is_cast_for_nobody(bench: Any, g1: RobotModel) -> None:
     assert node.message == "no subscriber" and "newest depth took [ms]" not in node.values
     refused = bench.add(RangeSensorNode, active=False, robot="talos")
     assert "talos: sensors.depth, sensors.lidar" in refused.message
+
+
+def test_what_waits_is_dropped_when_time_runs_backwards_and_on_activation(bench: Any, g1: RobotModel) -> None:
+    node = bench.add(RangeSensorNode)
+    world = World(bench, g1)
+    world.until(lambda: world.clouds)
+    world.stamp -= 500 * MS
+    world.clouds.clear()
+    for _ in range(25):
+        world.tick()
+    assert {cloud.frame for _, cloud in world.clouds} == {DEPTH_FRAME, LIDAR_FRAME}
+    assert all(cloud.t < arrived / 1e9 for arrived, cloud in world.clouds)
+    node.trigger_deactivate()
+    begin = world.stamp
+    world.stamp += 500 * MS
+    node.trigger_activate()
+    world.clouds.clear()
+    world.until(lambda: world.clouds)
+    assert min(cloud.t for _, cloud in world.clouds) > begin / 1e9 + 0.4
 
 
 def test_clouds_become_a_map_and_patches_in_odom(bench: Any, g1: RobotModel, types: tuple[Any, Any]) -> None:
@@ -212,12 +231,63 @@ def test_points_of_no_known_state_or_frame_are_refused(bench: Any, g1: RobotMode
     bench.wait(publisher.get_subscription_count)
     publisher.publish(cloud_message(MS, PointCloud(0.0, DEPTH_FRAME, np.zeros((3, 3)))))
     bench.wait(lambda: mapper.counters[f"refused {topics.DEPTH_POINTS}"] == 1)
-    assert "no odometry, joints and contacts within 0.02 s" in mapper.values["last refusal"]
+    assert "no odom, joint_states, contacts within 0.02 s of the points" in mapper.values["last refusal"]
     world = World(bench, g1)
     world.until(lambda: mapper._joints.newest == world.stamp)
     publisher.publish(cloud_message(world.stamp, PointCloud(0.0, "gaze", np.zeros((3, 3)))))
     bench.wait(lambda: mapper.counters[f"refused {topics.DEPTH_POINTS}"] == 2)
     assert "frame: 'gaze'" in mapper.values["last refusal"]
+
+
+def test_states_are_those_of_the_stamp(bench: Any, g1: RobotModel) -> None:
+    """Poses and angles between two ticks, contacts of the nearer one; none in a hole, though states are around it."""
+    mapper = bench.add(TerrainMapperNode)
+    world = World(bench, g1)
+    world.until(lambda: mapper._joints.newest == world.stamp)
+    before, first = world.state, world.stamp
+    q = before.q + 0.1 * np.eye(g1.nq)[2] + 0.1 * np.eye(g1.nq)[10]
+    swing = structs.replace(before.contacts[1], active=False)
+    world.state = structs.replace(before, q=q, contacts=(before.contacts[0], swing))
+    world.tick()
+    bench.wait(lambda: mapper._joints.newest == world.stamp)
+    for share, contacts in ((0.0, (True, True)), (0.3, (True, True)), (0.6, (True, False)), (1.0, (True, False))):
+        posture = mapper._posture(first + round(share * 10 * MS))
+        np.testing.assert_allclose(posture.q, before.q + share * (q - before.q), atol=1e-6)
+        assert posture.contacts == contacts
+    hole = world.stamp + 100 * MS
+    world.stamp += 190 * MS
+    world.tick()
+    bench.wait(lambda: mapper._joints.newest == world.stamp)
+    assert mapper._posture(hole) is None and mapper._posture(world.stamp - 250 * MS) is None
+    assert mapper._posture(world.stamp) is not None and mapper._posture(world.stamp - 200 * MS) is not None
+
+
+def test_a_malformed_state_is_refused_under_its_own_topic(bench: Any, g1: RobotModel) -> None:
+    mapper = bench.add(TerrainMapperNode, reliable=False)
+    publisher = bench.world.create_publisher(PointCloud2, topics.DEPTH_POINTS, SENSOR)
+    world = World(bench, g1)
+    world.state = structs.replace(world.state, q=np.zeros(g1.nq))
+    world.until(lambda: mapper.counters[f"refused {topics.ODOM}"] and publisher.get_subscription_count())
+    bench.wait(lambda: not mapper._absent(world.stamp))
+    before = mapper.counters[f"refused {topics.ODOM}"]
+    publisher.publish(cloud_message(world.stamp, PointCloud(0.0, DEPTH_FRAME, np.zeros((3, 3)))))
+    bench.wait(lambda: mapper.counters[f"refused {topics.ODOM}"] > before)
+    assert "pose.orientation: quaternion" in mapper.values["last refusal"]
+    assert not mapper.counters[f"refused {topics.DEPTH_POINTS}"]
+
+
+def test_feet_are_followed_without_clouds(bench: Any, g1: RobotModel) -> None:
+    mapper = bench.add(TerrainMapperNode)
+    world = World(bench, g1, listens=False)
+    world.until(lambda: mapper._law.t > 0.0)
+    first = mapper._law.t
+    world.drift = 0.2
+    world.until(lambda: mapper._law.t >= first + 0.2)
+    assert mapper._law.reference == pytest.approx(0.2, abs=1e-3)
+    world.stamp -= 500 * MS  # a new run
+    world.drift = -0.1
+    world.until(lambda: mapper._law.reference == pytest.approx(-0.1, abs=1e-3))
+    assert mapper._law.t < first
 
 
 def test_without_the_types_the_mapper_says_what_builds_them(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
