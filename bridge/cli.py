@@ -157,6 +157,8 @@ def up(
     from bridge.plants.fault_plan import fault_plan
     from bridge.plants.sensors import read_sensor_errors
     from models.calibration_store import calibration_directory
+    from models.errors import ConfigError
+    from models.profile import load_profile
     from models.terrain import terrain_named
 
     with report_errors():
@@ -171,6 +173,14 @@ def up(
         raise typer.BadParameter("--camera goes with one robot: it does not draw the others")
     if terrain_map and (several or plant != "mujoco"):
         raise typer.BadParameter("--terrain-map goes with one simulated robot; beside others run terrain_mapper alone")
+    if terrain_map:
+        with report_errors():
+            sensors = load_profile(robot).sensors
+            if sensors.depth is None and sensors.lidar is None:
+                raise ConfigError(
+                    f"--terrain-map: {robot} has neither sensors.depth nor sensors.lidar; add one to its profile, or"
+                    " start without --terrain-map"
+                )
     if several and plant != "mujoco":
         raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
     hardware: dict[str, Any] = {}

@@ -203,6 +203,13 @@ def test_unknown_faults_are_refused_before_anything_starts() -> None:
     assert result.exit_code == 2 and "unknown scenario 'headless'" in result.output
 
 
+def test_a_terrain_map_without_sensors_is_refused_before_anything_starts() -> None:
+    pytest.importorskip("rclpy")
+    result = RUNNER.invoke(app, ["up", "--robot", "talos", "--terrain-map"])
+    assert result.exit_code == 2 and "talos has neither sensors.depth nor sensors.lidar" in result.output
+    assert "start without --terrain-map" in result.output
+
+
 def test_robots_lists_the_profiles() -> None:
     result = RUNNER.invoke(app, ["robots"])
     assert result.exit_code == 0
