@@ -33,6 +33,7 @@ class TerrainMapBench:
     duration: Positive
     settle: Positive
     period: Positive
+    before_fall: NonNegative
     margin: NonNegative
     patch_period: Positive
     scenarios: dict[str, str]
@@ -86,23 +87,28 @@ def score(loop: ClosedLoop, ground: Ground, area: Area) -> Vector:
 
 
 def measure(robot: str, seed: int, scenario: str) -> Case:
-    """Walk ahead and compare; ``squares`` is the mean squared error [m^2], times are of this processor [s]."""
+    """Walk ahead and compare, up to ``before_fall`` before a fall.
+
+    ``squares`` is the mean squared error [m^2], nan where nothing was compared; times are of this processor [s].
+    """
     config = _config()
     terrain = terrain_named({**config.scenarios, **config.goals}[scenario], seed=seed)
     loop = ClosedLoop(robot, seed=seed, terrain=terrain, terrain_map=True, record=False)
     view, area, ground = loop.ground_view, Area(loop.robot, config.margin), Ground(terrain)
     start_walk(loop, config.speed)
-    start, patch_due, errors, searches = loop.t, 0.0, [], []
+    start, patch_due, searches = loop.t, 0.0, []
+    errors: list[tuple[float, Vector]] = []
     while loop.t - start < config.duration and not loop.fallen:
         loop.run(config.period)
         if loop.t - start < config.settle or loop.fallen:
             continue
-        errors.append(score(loop, ground, area))
+        errors.append((loop.t, score(loop, ground, area)))
         if loop.t >= patch_due:
             patch_due, begin = loop.t + config.patch_period, time.thread_time()
             view.mapper.patches()
             searches.append(time.thread_time() - begin)
-    found = np.concatenate([np.zeros(0), *errors])
+    end = loop.t - config.before_fall if loop.fallen else loop.t
+    found = np.concatenate([np.zeros(0), *(each for t, each in errors if t <= end)])
     known = found[np.isfinite(found)]
     return {
         "fell": loop.fallen,
@@ -151,7 +157,7 @@ class TerrainMap(Benchmark):
         figures, worst = {}, []
         for name in dict.fromkeys(case["scenario"] for case in cases):
             of = [case for case in cases if case["scenario"] == name]
-            worst.append(1e3 * max(case["squares"] for case in of) ** 0.5)
+            worst.append(1e3 * float(np.max([case["squares"] for case in of])) ** 0.5)
             figures[f"rmse_{name}_mm"] = 1e3 * float(np.mean([case["squares"] for case in of])) ** 0.5
         return figures | {
             "rmse_worst_mm": float(np.max(worst)),
@@ -166,7 +172,8 @@ class TerrainMap(Benchmark):
 
     def notes(self, report: Report) -> list[str]:
         return super().notes(report) + [
-            f"{case['scenario']}, seed {case['seed']}: fell after {case['time']:.1f} s; compared until then"
+            f"{case['scenario']}, seed {case['seed']}: fell after {case['time']:.1f} s; compared up to"
+            f" {_config().before_fall:g} s before"
             for case in report.cases
             if case["fell"]
         ]

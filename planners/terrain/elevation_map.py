@@ -1,13 +1,40 @@
 """A square grid of heights around the robot, with their variances, that point clouds are fused into."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.numerics.compiled import njit
 from models.types import Matrix, Vector
-from planners.terrain.config import FusionConfig, TerrainMapConfig
+from planners.terrain.config import TerrainMapConfig
+
+
+class _Layers(NamedTuple):
+    """Layers of a map, each (n, n)."""
+
+    height: Matrix
+    variance: Matrix
+    seen: Matrix
+
+
+class _Points(NamedTuple):
+    """Points of a cloud within a map, each (k,)."""
+
+    cells: NDArray[np.int64]  # row-major index
+    heights: Vector  # [m]
+    deviations: Vector  # [m]
+    common: Vector  # [m]
+
+
+class _Limits(NamedTuple):
+    """See ``FusionConfig``."""
+
+    floor: float
+    layer: float
+    gate: float
+    disagree: float
 
 
 class ElevationMap:
@@ -25,7 +52,7 @@ class ElevationMap:
         origin: Index of the first cell along x and y: cell (i, j) has its middle at ``(origin + (i, j) + 0.5) cell``.
         height: (n, n) [m]; nan where unknown.
         variance: (n, n) [m^2]; infinite where unknown.
-        seen: Stamp of the newest measurement (n, n) [s]; -inf where there was none.
+        seen: Stamp of the newest measurement within the gate (n, n) [s]; -inf where there was none.
 
     References:
         Fankhauser, Bloesch, Hutter: Probabilistic terrain mapping for mobile robots with uncertain localization,
@@ -100,58 +127,42 @@ class ElevationMap:
         fusion = self._fusion
         index, inside = self.index(points[:, :2])
         cells = index[inside, 0] * self.cells + index[inside, 1]  # (k,)
-        arrays = self.height.reshape(-1), self.variance.reshape(-1), self.seen.reshape(-1)
-        count = _fuse(t, cells, points[inside, 2], deviations[inside], common[inside], *arrays, *_settings(fusion))
+        layers = _Layers(self.height, self.variance, self.seen)
+        cloud = _Points(cells, points[inside, 2], deviations[inside], common[inside])
+        limits = _Limits(fusion.floor, fusion.layer, fusion.gate, fusion.disagree)
+        measured = _fuse(t, cloud, layers, limits)
         followed = np.ascontiguousarray(points[:: fusion.clear_stride])
-        _clear(t, followed, eye, self.cell, self.origin, self.height, self.variance, self.seen, fusion.clear)
-        return int(count)
-
-
-def _settings(fusion: FusionConfig) -> tuple[float, float, float, float]:
-    return fusion.floor, fusion.layer, fusion.gate, fusion.disagree
+        _clear(followed, eye, self.cell, self.origin, layers, measured, fusion.clear)
+        return int(measured.sum())
 
 
 @njit(cache=True)
-def _fuse(
-    t: float,
-    cells: NDArray[np.int64],
-    heights: Vector,
-    deviations: Vector,
-    common: Vector,
-    height: Vector,
-    variance: Vector,
-    seen: Vector,
-    floor: float,
-    layer: float,
-    gate: float,
-    disagree: float,
-) -> int:
-    """Update the cells of a cloud; returns how many there were."""
+def _fuse(t: float, cloud: _Points, layers: _Layers, limits: _Limits) -> NDArray[np.bool_]:
+    """Update the cells of a cloud; returns which were measured (n, n)."""
+    cells, heights, deviations, common = cloud
+    height, variance, seen = layers.height.reshape(-1), layers.variance.reshape(-1), layers.seen.reshape(-1)
+    floor, layer, gate, disagree = limits
     size, count = len(height), len(cells)
     top = np.full(size, -np.inf)
     for k in range(count):
         top[cells[k]] = max(top[cells[k]], heights[k])
     weights, sums, bias = np.zeros(size), np.zeros(size), np.zeros(size)
-    touched = np.empty(size, dtype=np.int64)
-    found = 0
+    measured = np.zeros(layers.height.shape, dtype=np.bool_)
+    touched = measured.reshape(-1)
     for k in range(count):
         c, s = cells[k], deviations[k]
         if heights[k] < top[c] - layer * s:
             continue
-        if weights[c] == 0.0:
-            touched[found] = c
-            found += 1
+        touched[c] = True
         w = 1.0 / (s * s)
         weights[c] += w
         sums[c] += w * heights[k]
         bias[c] = max(bias[c], common[k])
-    for k in range(found):
-        c = touched[k]
+    for c in np.flatnonzero(touched):
         m, v = sums[c] / weights[c], 1.0 / weights[c] + floor * floor + bias[c] * bias[c]
         p = variance[c]
-        seen[c] = t
         if not math.isfinite(p):
-            height[c], variance[c] = m, v
+            height[c], variance[c], seen[c] = m, v, t
             continue
         error = m - height[c]
         if error * error > gate * gate * (p + v):
@@ -160,22 +171,22 @@ def _fuse(
         gain = p / (p + v)
         height[c] += gain * error
         variance[c] = max((1.0 - gain) * p, floor * floor)
-    return found
+        seen[c] = t
+    return measured
 
 
 @njit(cache=True)
 def _clear(
-    t: float,
     points: Matrix,
     eye: Vector,
     cell: float,
     origin: NDArray[np.int64],
-    height: Matrix,
-    variance: Matrix,
-    seen: Matrix,
+    layers: _Layers,
+    measured: NDArray[np.bool_],
     margin: float,
 ) -> None:
-    """Empty the cells above rays from ``eye`` to points, except those measured at ``t``."""
+    """Empty the cells above rays from ``eye`` to points, except those measured by the same cloud."""
+    height, variance, seen = layers
     size = len(height)
     highest = -np.inf
     for i in range(size):
@@ -192,7 +203,7 @@ def _clear(
                 break
             i = math.floor((points[k, 0] - back * dx) / cell) - origin[0]
             j = math.floor((points[k, 1] - back * dy) / cell) - origin[1]
-            if i < 0 or j < 0 or i >= size or j >= size or seen[i, j] == t or not math.isfinite(variance[i, j]):
+            if i < 0 or j < 0 or i >= size or j >= size or measured[i, j] or not math.isfinite(variance[i, j]):
                 continue
             if z < height[i, j] - margin - 3.0 * math.sqrt(variance[i, j]):
                 height[i, j], variance[i, j], seen[i, j] = np.nan, np.inf, -np.inf

@@ -1,4 +1,4 @@
-"""Planar patches of an elevation map, as convex polygons on which the middle of a sole may stand."""
+"""Planar patches of an elevation map, as convex polygons inset by half the width of a sole."""
 
 import math
 from collections.abc import Iterator

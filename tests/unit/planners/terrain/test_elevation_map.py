@@ -66,12 +66,12 @@ def test_a_wrong_height_is_replaced_only_if_it_stays(grid: ElevationMap, rise: f
     for k in range(5):
         measure(grid, float(k), [[0.51, 0.31, 0.0]], 0.005)
     measure(grid, 5.0, [[0.51, 0.31, rise]], 0.005)
-    assert grid.height[i, j] == pytest.approx(0.0)
+    assert grid.height[i, j] == pytest.approx(0.0) and grid.seen[i, j] == 4.0
     measure(grid, 6.0, [[0.51, 0.31, 0.0]], 0.005)  # it was an outlier
     assert grid.known[i, j] and grid.height[i, j] == pytest.approx(0.0)
     for k in range(7, 13):
         measure(grid, float(k), [[0.51, 0.31, rise]], 0.005)
-    assert grid.known[i, j] and grid.height[i, j] == pytest.approx(rise, abs=0.005)
+    assert grid.known[i, j] and grid.height[i, j] == pytest.approx(rise, abs=0.005) and grid.seen[i, j] == 12.0
 
 
 def test_a_ray_below_a_height_empties_the_cell_and_one_above_does_not(grid: ElevationMap) -> None:
