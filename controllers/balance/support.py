@@ -1,4 +1,4 @@
-"""The support polygon: convex hull of the soles' contact rectangles, and projection onto it."""
+"""The support polygon, convex hull of the soles' contact rectangles: projection onto it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,41 +6,6 @@ from numpy.typing import NDArray
 from models.numerics.compiled import njit
 
 Array = NDArray[np.float64]
-
-
-@njit(cache=True)
-def convex_hull(points: Array, hull: Array) -> int:
-    """Vertices (>= 2 n, 2) of the hull of points (n, 2), counter-clockwise, by the monotone chain; their number."""
-    n = points.shape[0]
-    order = np.arange(n)
-    for i in range(1, n):
-        k = order[i]
-        j = i - 1
-        while j >= 0 and (
-            points[order[j], 0] > points[k, 0]
-            or (points[order[j], 0] == points[k, 0] and points[order[j], 1] > points[k, 1])
-        ):
-            order[j + 1] = order[j]
-            j -= 1
-        order[j + 1] = k
-    count = 0
-    for turn in range(2):
-        base = count
-        for step in range(n):
-            k = order[step] if turn == 0 else order[n - 1 - step]
-            while count - base >= 2:
-                ax = hull[count - 1, 0] - hull[count - 2, 0]
-                ay = hull[count - 1, 1] - hull[count - 2, 1]
-                bx = points[k, 0] - hull[count - 2, 0]
-                by = points[k, 1] - hull[count - 2, 1]
-                if ax * by - ay * bx > 0.0:
-                    break
-                count -= 1
-            hull[count, 0] = points[k, 0]
-            hull[count, 1] = points[k, 1]
-            count += 1
-        count -= 1  # the last point starts the other chain
-    return count
 
 
 @njit(cache=True)

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.balance.posture_reference import posture_reference
-from controllers.balance.support import cmp_command, convex_hull
+from controllers.balance.support import cmp_command
 from controllers.qp.contacts import Edges
 from controllers.qp.terms import follow_pose
 from controllers.whole_body.config import CoMGains, DcmFeedback
 from models.constants import COM_HEIGHT_MIN, GRAVITY
 from models.numerics.compiled import njit
+from models.numerics.hull import convex_hull
 from models.numerics.unboxed import Unboxed
 from models.tree import KinematicTree, TreeFrames
 

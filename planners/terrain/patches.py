@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from models.numerics.compiled import njit
+from models.numerics.hull import convex_hull
 from models.types import Matrix, Vector
 from planners.terrain.config import PatchConfig
 from planners.terrain.elevation_map import ElevationMap
@@ -134,27 +135,9 @@ def _components(cells: Cells) -> list[Cells]:
 
 @njit(cache=True)
 def _hull(cells: Cells) -> Cells:
-    """Corners of the convex hull of cells in the order of their indices (n, 2), counter-clockwise (k, 2).
-
-    Reference: Andrew: Another efficient algorithm for convex hulls in two dimensions, 1979.
-    """
-    count = len(cells)
-    hull = np.empty((2 * count + 1, 2), dtype=np.int64)
-    size = 0
-    for way in range(2):  # lower, then upper chain
-        first = size
-        for n in range(count):
-            i, j = cells[n if way == 0 else count - 1 - n]
-            while size >= first + 2 and (
-                (hull[size - 1, 0] - hull[size - 2, 0]) * (j - hull[size - 2, 1])
-                - (hull[size - 1, 1] - hull[size - 2, 1]) * (i - hull[size - 2, 0])
-                <= 0
-            ):
-                size -= 1
-            hull[size, 0], hull[size, 1] = i, j
-            size += 1
-        size -= 1  # the last corner begins the other chain
-    return hull[: max(size, 0)].copy()
+    """Corners of the convex hull of cells (n, 2), counter-clockwise (k, 2)."""
+    hull = np.empty((2 * len(cells) + 1, 2), dtype=np.int64)
+    return hull[: convex_hull(cells, hull)].copy()
 
 
 @njit(cache=True)

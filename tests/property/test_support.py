@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from controllers.balance.support import cmp_command, convex_hull, edge_distance
+from controllers.balance.support import cmp_command, edge_distance
+from models.numerics.hull import convex_hull
 
 SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [0.2, 0.1]])
 coordinate = st.floats(-3.0, 3.0)
