@@ -16,6 +16,7 @@ from models.types import Matrix, Vector
 
 DEPTH_FRAME = "depth_optical_frame"  #: Frame of the depth camera: x right, y down, z ahead (REP-103)
 LIDAR_FRAME = "lidar"  #: Frame of the lidar, z along its axis
+DEPTH_UNIT = 0.001  #: Of the numbers of a depth picture, as depth cameras send them [m]
 POINTS_MAX = 500_000  #: Most points of a cloud [1]; a depth picture of 848 x 480 has 407 040
 
 Elevation = Annotated[float, Field(ge=-1.5708, le=1.5708)]

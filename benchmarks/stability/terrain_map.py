@@ -15,7 +15,7 @@ from bridge.analysis.plots import new_figure
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.range_sensors import RayWorld, SimulatedDepthCamera, SimulatedLidar
 from models.config import STRICT, NonNegative, Positive
-from models.heading import heading
+from models.heading import heading, turned
 from models.robot_model import RobotModel
 from models.terrain import Ground, Terrain, terrain_named
 from models.types import Matrix, Vector
@@ -55,7 +55,7 @@ class Area:
     def ahead(self, loop: ClosedLoop) -> Matrix:
         """Points of the area of the next steps, by the estimate (n, 2) [m]."""
         steps = coming_steps(loop.gait.view, loop.gait.config)[:STEPS]
-        return np.concatenate([np.zeros((0, 2)), *(_turned(self._points, each.yaw) + each.pose[:2] for each in steps)])
+        return np.concatenate([np.zeros((0, 2)), *(turned(self._points, each.yaw) + each.pose[:2] for each in steps)])
 
     def sole(self, q: Vector, foot: int) -> tuple[Vector, float]:
         """Place (3,) [m] and heading [rad] of a sole in a configuration (nq,)."""
@@ -63,12 +63,6 @@ class Area:
         pin.forwardKinematics(self.robot.pin, self._data, q)
         place = pin.updateFramePlacement(self.robot.pin, self._data, frame)
         return place.translation.copy(), heading(*pin.Quaternion(place.rotation).coeffs())
-
-
-def _turned(points: Matrix, yaw: float) -> Matrix:
-    c, s = np.cos(yaw), np.sin(yaw)
-    turned: Matrix = points @ np.array([[c, s], [-s, c]])
-    return turned
 
 
 def score(loop: ClosedLoop, ground: Ground, area: Area) -> Vector:
@@ -81,7 +75,7 @@ def score(loop: ClosedLoop, ground: Ground, area: Area) -> Vector:
     points = area.ahead(loop)
     (estimate, yaw), (truth, true_yaw) = area.sole(loop.state.q, foot), area.sole(loop.truth.q, foot)
     heights = mapper.map.at(points) + mapper.reference - estimate[2]
-    places = _turned(points - estimate[:2], true_yaw - yaw) + truth[:2]
+    places = turned(points - estimate[:2], true_yaw - yaw) + truth[:2]
     errors: Vector = heights - (np.array([ground.height(x, y) for x, y in places]) - truth[2])
     return errors
 

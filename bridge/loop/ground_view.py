@@ -1,11 +1,11 @@
 """Depth camera, lidar and terrain mapper beside the closed loop, at their rates and with their latencies."""
 
 import time
-from collections import deque
 from collections.abc import Callable
 
 from bridge.loop.lockstep import Lockstep
-from bridge.plants.range_sensors import RayWorld, SimulatedDepthCamera, SimulatedLidar
+from bridge.plants.range_sensors import RayWorld, Schedule, SimulatedDepthCamera, SimulatedLidar
+from models.constants import NANOSECONDS
 from models.errors import ConfigError
 from models.range_sensor import PointCloud
 from models.terrain import Terrain
@@ -43,20 +43,18 @@ class GroundView:
         self.mapper.reset()
         self.delays: list[float] = []
         self.costs: dict[str, list[float]] = {}
-        self._due = [0.0] * len(self._sensors)
-        self._waiting: list[deque[tuple[float, PointCloud, Posture]]] = [deque() for _ in self._sensors]
+        self._schedules = [Schedule[tuple[PointCloud, Posture]](sensor.config) for sensor in self._sensors]
         for sensor in self._sensors:
             sensor.reset(seed)
 
     def step(self) -> None:
         """Measure what is due after a tick, and map what has arrived."""
         t = self._lockstep.plant.t
-        for i, sensor in enumerate(self._sensors):
-            if t >= self._due[i] and not self.blind:
-                self._due[i] = t + 1.0 / sensor.config.rate
-                self._waiting[i].append((t + sensor.config.latency, *self._measure(sensor.cloud)))
-            while self._waiting[i] and self._waiting[i][0][0] <= t:
-                _, cloud, posture = self._waiting[i].popleft()
+        stamp = round(NANOSECONDS * t)
+        for sensor, schedule in zip(self._sensors, self._schedules, strict=True):
+            if not self.blind and schedule.due(stamp):
+                schedule.hold(stamp, self._measure(sensor.cloud))
+            for cloud, posture in schedule.arrived(stamp):
                 self._map(cloud, posture)
         if t - self.mapper.t >= self.mapper.config.feet.period:
             self.mapper.follow(t, self._posture())

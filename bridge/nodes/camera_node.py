@@ -14,7 +14,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from bridge.nodes.true_states import TrueStates
 from bridge.plants.config import CameraConfig
 from bridge.record.render import GL_ADVICE
-from controllers.nodes.estimate_topics import Due
+from controllers.estimation.stamps import Due
 from models.camera import Pinhole
 from models.config import default_config
 from models.errors import ConfigError, PoiseError

@@ -3,7 +3,6 @@
 import os
 import sys
 import time
-from collections import deque
 from typing import Any
 
 import numpy as np
@@ -11,49 +10,37 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from bridge.nodes.camera_node import NICENESS
 from bridge.nodes.true_states import TrueStates
-from bridge.plants.range_sensors import RayWorld, SimulatedDepthCamera, SimulatedLidar, depth_cloud
-from controllers.nodes.estimate_topics import Due
+from bridge.plants.range_sensors import RayWorld, Schedule, SimulatedDepthCamera, SimulatedLidar
 from models.errors import ConfigError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.cdr import NANOSECONDS
-from models.nodes.messages import to_ns, to_seconds
+from models.nodes.messages import to_seconds
 from models.nodes.parameters import declare
 from models.nodes.perception import cloud_message, depth_message, info_message
 from models.nodes.qos import STATE
 from models.nodes.spin import run
-from models.range_sensor import DEPTH_FRAME
+from models.range_sensor import DEPTH_FRAME, DEPTH_UNIT, RangeSensor
 from models.terrain import FLAT, terrain_named
 from models.types import Vector
 
 
-class _Output:
-    """Publishers of one sensor: what they publish is due at the rate of the sensor, and held for its latency."""
+class _Output(Schedule[dict[str, Any]]):
+    """Publishers of one sensor by topic, and the schedule of their messages."""
 
-    def __init__(self, publishers: dict[str, Any], rate: float, latency: float, phase: float) -> None:
-        self.publishers = publishers
-        self._period, self._phase, self._latency = round(NANOSECONDS / rate), phase, to_ns(latency)
-        self.restart()
-
-    def restart(self) -> None:
-        """Drop what waits; the next stamp is due."""
-        self.due = Due(self._period, self._phase)
-        self._waiting: deque[tuple[int, Any, Any]] = deque()
+    def __init__(self, publishers: dict[str, Any], sensor: RangeSensor, phase: float) -> None:
+        self._publishers = publishers
+        super().__init__(sensor, phase)
 
     @property
     def used(self) -> bool:
         """Whether one of the topics has a subscriber."""
-        return any(publisher.get_subscription_count() for publisher in self.publishers.values())
-
-    def hold(self, stamp: int, messages: dict[str, Any]) -> None:
-        """Keep messages by topic, measured at a stamp [ns]."""
-        self._waiting += [(stamp + self._latency, self.publishers[topic], text) for topic, text in messages.items()]
+        return any(publisher.get_subscription_count() for publisher in self._publishers.values())
 
     def publish(self, stamp: int) -> None:
         """Publish what has arrived at a stamp [ns]."""
-        while self._waiting and self._waiting[0][0] <= stamp:
-            _, publisher, message = self._waiting.popleft()
-            publisher.publish(message)
+        for messages in self.arrived(stamp):
+            for topic, message in messages.items():
+                self._publishers[topic].publish(message)
 
 
 class RangeSensorNode(PoiseNode):
@@ -76,10 +63,10 @@ class RangeSensorNode(PoiseNode):
         if sensors.depth is not None:
             kinds = {topics.DEPTH_IMAGE: Image, topics.DEPTH_INFO: CameraInfo, topics.DEPTH_POINTS: PointCloud2}
             publishers = {topic: self.announce(kind, topic, STATE) for topic, kind in kinds.items()}
-            self._outputs["depth"] = _Output(publishers, sensors.depth.rate, sensors.depth.latency, 0.0)
+            self._outputs["depth"] = _Output(publishers, sensors.depth, 0.0)
         if sensors.lidar is not None:
             publishers = {topics.LIDAR_POINTS: self.announce(PointCloud2, topics.LIDAR_POINTS, STATE)}
-            self._outputs["lidar"] = _Output(publishers, sensors.lidar.rate, sensors.lidar.latency, 0.5)
+            self._outputs["lidar"] = _Output(publishers, sensors.lidar, 0.5)
         self._casts = {"depth": self._cast_depth, "lidar": self._cast_lidar}
         TrueStates(self, self._is_due, self._measure, self._on_obstacle, self._on_stamp)
 
@@ -124,9 +111,9 @@ class RangeSensorNode(PoiseNode):
 
     def _cast_depth(self, stamp: int) -> dict[str, Any]:
         camera = self._depth
-        picture = camera.picture()
-        picture = np.where(picture > 0.0, np.round(picture, 3), np.nan)  # the cloud is that of the picture
-        cloud = depth_cloud(to_seconds(stamp), picture, camera.intrinsics)
+        picture = np.round(camera.picture() / DEPTH_UNIT) * DEPTH_UNIT
+        picture[~(picture > 0.0)] = np.nan
+        cloud = camera.points(to_seconds(stamp), picture)  # that of the picture as it is sent
         return {
             topics.DEPTH_INFO: info_message(stamp, camera.intrinsics, DEPTH_FRAME),
             topics.DEPTH_IMAGE: depth_message(stamp, picture),

@@ -1,11 +1,17 @@
 """The simulated depth camera and lidar: rays cast in a copy of the plant's world."""
 
+from collections import deque
+from collections.abc import Iterator
+from typing import Generic, TypeVar
+
 import mujoco
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from controllers.estimation.stamps import Due
 from models.camera import Pinhole
+from models.constants import NANOSECONDS
 from models.errors import ConfigError
 from models.mujoco_model import build_mujoco, pin_to_mujoco
 from models.mujoco_spec import OBSTACLE, ROBOT_GROUP, WORLD_GROUP
@@ -13,6 +19,8 @@ from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, DepthSensor, LidarSens
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain, terrain_named
 from models.types import Matrix, Vector
+
+Item = TypeVar("Item")
 
 _HIDDEN = mujoco.mjNGROUP - 1  #: Group of geoms that no ray meets
 #: Shares of a turn between two rays of a lidar: the sequence r^-k mod 1, r^3 = r + 1, fills a rectangle evenly and
@@ -44,8 +52,8 @@ class RayWorld:
             data.mocap_pos[self._model.body(OBSTACLE).mocapid[0]] = self.obstacle
         mujoco.mj_kinematics(self._model, data)
 
-    def cast(self, frame: str, rays: Matrix, reach: float) -> Vector:
-        """Distances (n,) along rays (n, 3) of a frame, in their lengths, to what is within ``reach`` [m]; else inf.
+    def cast(self, frame: str, rays: Matrix, most: float) -> Vector:
+        """Distances (n,) along rays (n, 3) of a frame, in their lengths, at least up to ``most``; else inf.
 
         A sensor does not see the link that it is mounted on, as from inside a housing. Geoms beyond the reach or
         beside the cone of the rays are left out first: MuJoCo would try every ray with each of them.
@@ -53,14 +61,16 @@ class RayWorld:
         model, data = self._model, self._data
         site = int(model.site(frame).id)
         axes, position, own = data.site_xmat[site].reshape(3, 3), data.site_xpos[site], model.site_bodyid[site]
+        lengths = np.linalg.norm(rays, axis=1)
+        reach, cosine = most * float(lengths.max()), float((rays[:, 2] / lengths).min())
         seen = self._seen & (model.body_weldid[model.geom_bodyid] != model.body_weldid[own])
-        seen &= (self._in_cone(position, axes, rays) & self._near(position, reach)) | (model.geom_rbound == 0.0)
+        seen &= (self._in_cone(position, axes, cosine) & self._near(position, reach)) | (model.geom_rbound == 0.0)
         model.geom_group[:] = np.where(seen, WORLD_GROUP, _HIDDEN)
         groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
         groups[WORLD_GROUP] = 1
         count = len(rays)
         geoms, distances = np.empty(count, dtype=np.int32), np.empty(count)
-        far = reach / float(np.linalg.norm(rays, axis=1).min())
+        far = reach / float(lengths.min())
         directions = np.ascontiguousarray(rays @ axes.T).ravel()
         mujoco.mj_multiRay(
             model, data, position, directions, groups, True, -1, geoms, distances, None, count, far
@@ -73,9 +83,9 @@ class RayWorld:
         near: NDArray[np.bool_] = distance - self._model.geom_rbound <= reach
         return near
 
-    def _in_cone(self, position: Vector, axes: Matrix, rays: Matrix) -> NDArray[np.bool_]:
-        """Whether the bounding sphere of a geom meets the cone about z that holds all rays (ngeom,)."""
-        half = float(np.arccos(np.clip((rays[:, 2] / np.linalg.norm(rays, axis=1)).min(), -1.0, 1.0)))
+    def _in_cone(self, position: Vector, axes: Matrix, cosine: float) -> NDArray[np.bool_]:
+        """Whether the bounding sphere of a geom meets the cone about z with a cosine of half its angle (ngeom,)."""
+        half = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
         offset = (self._data.geom_xpos - position) @ axes
         distance = np.linalg.norm(offset, axis=1)
         safe = np.maximum(distance, 1e-9)
@@ -104,9 +114,7 @@ class _SimulatedRange:
     def _measure(self, rays: Matrix) -> Vector:
         """Measured distances along rays (n, 3), in their lengths; nan where nothing is in range."""
         limits = self._limits
-        # the farthest point may lie beyond range_max, which a depth camera measures along its axis
-        reach = limits.range_max * float(np.linalg.norm(rays, axis=1).max())
-        distances = self._world.cast(self._frame, rays @ self._mount.T, reach)
+        distances = self._world.cast(self._frame, rays @ self._mount.T, limits.range_max)
         distances[~((distances >= limits.range_min) & (distances <= limits.range_max))] = np.nan
         errors = self._noise * limits.deviation(distances) * self._rng.standard_normal(len(rays))
         measured: Vector = self._scale * distances + errors
@@ -122,16 +130,23 @@ class SimulatedDepthCamera(_SimulatedRange):
             raise ConfigError(f"{world.robot.name}: sensors.depth: the profile has no depth camera")
         self.config: DepthSensor = config
         self.intrinsics = Pinhole.of(config)
+        self._rays = self.intrinsics.rays
         super().__init__(world, DEPTH_FRAME, config, 2, seed, noise)
 
     def picture(self) -> Matrix:
         """Distance along the optical axis for each pixel (height, width) [m]; nan where none was measured."""
         pinhole = self.intrinsics
-        return self._measure(pinhole.rays).reshape(pinhole.height, pinhole.width)
+        return self._measure(self._rays).reshape(pinhole.height, pinhole.width)
 
     def cloud(self, t: float) -> PointCloud:
         """Points of a picture that is taken now, with a stamp [s]."""
-        return depth_cloud(t, self.picture(), self.intrinsics)
+        return self.points(t, self.picture())
+
+    def points(self, t: float, picture: Matrix) -> PointCloud:
+        """Points of a picture (height, width) [m] with a stamp [s]; pixels that are nan have none."""
+        depth = picture.ravel()
+        seen = np.isfinite(depth)
+        return PointCloud(t, DEPTH_FRAME, self._rays[seen] * depth[seen, None])
 
 
 class SimulatedLidar(_SimulatedRange):
@@ -163,8 +178,27 @@ class SimulatedLidar(_SimulatedRange):
         return PointCloud(t, LIDAR_FRAME, rays[hit] * distances[hit, None])
 
 
-def depth_cloud(t: float, picture: Matrix, camera: Pinhole) -> PointCloud:
-    """Points of a depth picture (height, width) [m] with a stamp [s]; pixels that are nan have none."""
-    depth = picture.ravel()
-    seen = np.isfinite(depth)
-    return PointCloud(t, DEPTH_FRAME, camera.rays[seen] * depth[seen, None])
+class Schedule(Generic[Item]):
+    """When a sensor measures, and what it has measured until that arrives, ``latency`` later; stamps in [ns].
+
+    ``phase`` shifts the periods by a share of them [-].
+    """
+
+    def __init__(self, sensor: RangeSensor, phase: float = 0.0) -> None:
+        self._period, self._phase = round(NANOSECONDS / sensor.rate), phase
+        self._latency = round(NANOSECONDS * sensor.latency)
+        self.restart()
+
+    def restart(self) -> None:
+        """Drop what waits; the next stamp is due."""
+        self.due = Due(self._period, self._phase)
+        self._waiting: deque[tuple[int, Item]] = deque()
+
+    def hold(self, stamp: int, item: Item) -> None:
+        """Keep what was measured at a stamp."""
+        self._waiting.append((stamp + self._latency, item))
+
+    def arrived(self, stamp: int) -> Iterator[Item]:
+        """What has arrived by a stamp, the oldest first."""
+        while self._waiting and self._waiting[0][0] <= stamp:
+            yield self._waiting.popleft()[1]

@@ -1,4 +1,4 @@
-"""Stamps that are refused: those that repeat or go back, and single jumps ahead."""
+"""Stamps that are refused, as they repeat, go back or jump ahead alone, and those with which a period begins."""
 
 import math
 
@@ -62,3 +62,19 @@ class ClockFilter:
             if not self._jumps.accepts(self._last, stamp):
                 raise MessageError(f"clock: {1e-9 * stamp:.3f} s jumps ahead of {1e-9 * self._last:.3f} s")
         self._last = stamp
+
+
+class Due:
+    """Divides stamps into periods of ``period`` [ns] (0: every stamp) and reports when a new one has begun.
+
+    ``phase`` shifts the beginning by a share of the period, so that topics of the same rate share no tick.
+    """
+
+    def __init__(self, period: int, phase: float = 0.0) -> None:
+        self._period, self._shift = max(period, 1), round(phase * period)
+        self._present = -1
+
+    def __call__(self, stamp: int) -> bool:
+        """Whether a period has begun since the last stamp [ns]."""
+        before, self._present = self._present, (stamp - self._shift) // self._period
+        return self._present != before

@@ -14,6 +14,7 @@ from std_msgs.msg import Float64, UInt8MultiArray
 
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.filter_kernels import ROTATION
+from controllers.estimation.stamps import Due
 from models.errors import MessageError
 from models.heading import base_footprint
 from models.nodes import topics
@@ -180,19 +181,3 @@ def static_frames(model: RobotModel) -> list[tuple[str, str, Any]]:
             continue
         frames.append((link.name, name, pin.SE3ToXYZQUAT(link.placement.actInv(frame.placement))))
     return frames
-
-
-class Due:
-    """Divides stamps into periods of ``period`` [ns] (0: every stamp) and reports when a new one has begun.
-
-    ``phase`` shifts the beginning by a share of the period, so that topics of the same rate share no tick.
-    """
-
-    def __init__(self, period: int, phase: float = 0.0) -> None:
-        self._period, self._shift = max(period, 1), round(phase * period)
-        self._present = -1
-
-    def __call__(self, stamp: int) -> bool:
-        """Whether a period has begun since the last stamp [ns]."""
-        before, self._present = self._present, (stamp - self._shift) // self._period
-        return self._present != before

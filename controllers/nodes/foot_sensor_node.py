@@ -11,7 +11,7 @@ from std_msgs.msg import Bool, String
 from controllers.estimation.assembler import FootPairs
 from controllers.estimation.config import ContactConfig, EstimatorConfig
 from controllers.estimation.feet import UNKNOWN, ContactDetector
-from controllers.nodes.estimate_topics import Due
+from controllers.estimation.stamps import Due
 from models.config import default_config
 from models.constants import FOOT_NAMES
 from models.errors import ConfigError

@@ -4,7 +4,7 @@ from typing import Any
 
 from std_msgs.msg import UInt8MultiArray
 
-from controllers.nodes.estimate_topics import Due
+from controllers.estimation.stamps import Due
 from controllers.stack import ControlStack
 from models.errors import PoiseError
 from models.nodes import topics

@@ -8,8 +8,7 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
 from controllers.estimation.orientation_filter import OrientationFilter, OrientationFilterConfig
-from controllers.estimation.stamps import StampFilter
-from controllers.nodes.estimate_topics import Due
+from controllers.estimation.stamps import Due, StampFilter
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.base import PoiseNode

@@ -11,14 +11,13 @@ from models.camera import Pinhole
 from models.errors import MessageError
 from models.nodes.messages import set_stamp, stamp_ns, to_seconds
 from models.profile import CAMERA_FRAME
-from models.range_sensor import DEPTH_FRAME, POINTS_MAX, PointCloud, check_cloud
+from models.range_sensor import DEPTH_FRAME, DEPTH_UNIT, POINTS_MAX, PointCloud, check_cloud
 from models.scan import SCAN_FRAME, Scan, check_scan
 from models.types import Matrix
 
 Picture = NDArray[np.uint8]  #: Rows of pixels of red, green, blue (height, width, 3)
 #: Encodings that are read, and the order of their channels
 ENCODINGS = {"rgb8": slice(None), "bgr8": slice(None, None, -1)}
-DEPTH_UNIT = 0.001  #: Of the numbers of a depth picture of encoding 16UC1, as depth cameras send them [m]
 _COORDINATES = ("x", "y", "z")
 
 

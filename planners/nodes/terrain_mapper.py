@@ -129,9 +129,10 @@ class TerrainMapperNode(PoiseNode):
         if self._coming is not None:
             self._contacts.add(stamp, self._coming)
             self._coming = None
-        due = self.active and to_seconds(stamp) - self._law.t >= self._config.feet.period
-        if due and (posture := self._posture(stamp)) is not None:
-            self._law.follow(to_seconds(stamp), posture)
+        if self.active and to_seconds(stamp) - self._law.t >= self._config.feet.period:
+            around = self._around(stamp)
+            if None not in around.values() and (posture := self._posture(around)) is not None:
+                self._law.follow(to_seconds(stamp), posture)
 
     def _on_contacts(self, message: Any) -> None:
         self._coming = contacts_from_message(message)  # without a stamp, published before the odometry of their tick
@@ -142,9 +143,10 @@ class TerrainMapperNode(PoiseNode):
 
     def _on_cloud(self, message: Any) -> None:
         stamp = stamp_ns(message.header.stamp)
-        if absent := self._absent(stamp):
+        around = self._around(stamp)
+        if absent := [topic for topic, found in around.items() if found is None]:
             raise MessageError(f"no {', '.join(absent)} within {self._tolerance / 1e9:g} s of the points")
-        posture = self._posture(stamp)
+        posture = self._posture(around)
         if posture is None:
             return
         begin = time.monotonic()
@@ -152,18 +154,14 @@ class TerrainMapperNode(PoiseNode):
         self._took, self._clouds = time.monotonic() - begin, self._clouds + 1
         self._publish(stamp)
 
-    def _absent(self, stamp: int) -> list[str]:
-        """Topics without messages around a stamp [ns]."""
+    def _around(self, stamp: int) -> dict[str, Any]:
+        """``_History.around`` a stamp [ns] by topic."""
         histories = {topics.ODOM: self._odometry, topics.JOINT_STATES: self._joints, topics.CONTACTS: self._contacts}
-        return [topic for topic, each in histories.items() if each.around(stamp, self._tolerance) is None]
+        return {topic: each.around(stamp, self._tolerance) for topic, each in histories.items()}
 
-    def _posture(self, stamp: int) -> Posture | None:
-        """Estimate at a stamp [ns], between the messages around it; None if one is absent, or malformed and refused."""
-        odometry, joints, contacts = (
-            each.around(stamp, self._tolerance) for each in (self._odometry, self._joints, self._contacts)
-        )
-        if odometry is None or joints is None or contacts is None:
-            return None
+    def _posture(self, around: dict[str, Any]) -> Posture | None:
+        """Estimate between the messages ``around`` a stamp; None where one is malformed and refused."""
+        odometry, joints, contacts = around.values()
         poses = [self._decoded(topics.ODOM, self._odometry_codec, data) for data in odometry[:2]]
         angles = [self._decoded(topics.JOINT_STATES, self._joints_codec, data) for data in joints[:2]]
         if any(each is None for each in (*poses, *angles)):

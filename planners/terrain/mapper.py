@@ -166,5 +166,8 @@ class TerrainMapper:
         q = self.robot.standing_configuration()
         frame = next(iter(self._sensors))
         self.update(PointCloud(0.0, frame, np.ones((2, 3))), Posture(q, (True, True)))
+        corner = slice(self.map.cells // 2, None)
+        self.map.height[:], self.map.variance[:] = 0.0, 0.0
+        self.map.variance[corner, corner] = np.inf  # a patch that is cut in two
         self.patches()
         self.reset()

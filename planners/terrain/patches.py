@@ -28,8 +28,7 @@ class Patch(Struct, frozen=True):
     @property
     def area(self) -> float:
         """Seen from above [m^2]."""
-        x, y = self.vertices[:, 0], self.vertices[:, 1]
-        return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+        return float(_area(self.vertices))
 
     def contains(self, x: float, y: float) -> bool:
         """Whether a point [m] is above the polygon, its edge included."""
@@ -118,7 +117,7 @@ def _convex_parts(mask: NDArray[np.bool_], slack: int, most: int) -> Iterator[Ma
         cuts = [[cells[side >= 0], cells[side <= 0]] for side in sides.T]
         cuts = [halves for halves in cuts if max(map(len, halves)) < len(cells)]
         if cuts:
-            best = min(cuts, key=lambda halves: sum(_area(_hull(half)) for half in halves))
+            best = min(cuts, key=lambda halves: sum(_area(_hull(half).astype(np.float64)) for half in halves))
             waiting += [each for half in best for each in _components(half)]
 
 
@@ -141,8 +140,8 @@ def _hull(cells: Cells) -> Cells:
 
 
 @njit(cache=True)
-def _area(polygon: Cells) -> float:
-    """Area of a counter-clockwise polygon (k, 2)."""
+def _area(polygon: Matrix) -> float:
+    """Area of a counter-clockwise polygon, by the first two coordinates of its corners (k, 2 or 3)."""
     area = 0.0
     for k in range(len(polygon)):
         a, b = polygon[k - 1], polygon[k]

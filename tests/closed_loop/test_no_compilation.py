@@ -1,4 +1,4 @@
-"""Nothing compiles while the robot stands or walks: a compilation takes longer than the drivers wait for a command."""
+"""Nothing compiles while a robot stands, walks and maps: that takes longer than the drivers wait for a command."""
 
 import json
 import subprocess
@@ -19,10 +19,13 @@ def specialisations():
     return found
 
 def find_new(robot):
-    loop = ClosedLoop(robot, record=False)
+    seeing = robot == "g1"
+    loop = ClosedLoop(robot, record=False, terrain_map=seeing)
     loop.gait  # built when first asked for
     before = specialisations()
     move(loop)
+    if seeing:
+        assert loop.ground_view.mapper.patches()
     return {name: n for name, n in specialisations().items() if n != before.get(name)}
 
 def move(loop):

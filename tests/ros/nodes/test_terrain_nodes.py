@@ -251,15 +251,17 @@ def test_states_are_those_of_the_stamp(bench: Any, g1: RobotModel) -> None:
     world.tick()
     bench.wait(lambda: mapper._joints.newest == world.stamp)
     for share, contacts in ((0.0, (True, True)), (0.3, (True, True)), (0.6, (True, False)), (1.0, (True, False))):
-        posture = mapper._posture(first + round(share * 10 * MS))
+        posture = mapper._posture(mapper._around(first + round(share * 10 * MS)))
         np.testing.assert_allclose(posture.q, before.q + share * (q - before.q), atol=1e-6)
         assert posture.contacts == contacts
     hole = world.stamp + 100 * MS
     world.stamp += 190 * MS
     world.tick()
     bench.wait(lambda: mapper._joints.newest == world.stamp)
-    assert mapper._posture(hole) is None and mapper._posture(world.stamp - 250 * MS) is None
-    assert mapper._posture(world.stamp) is not None and mapper._posture(world.stamp - 200 * MS) is not None
+    for stamp in (hole, world.stamp - 250 * MS):
+        assert None in mapper._around(stamp).values()
+    for stamp in (world.stamp, world.stamp - 200 * MS):
+        assert mapper._posture(mapper._around(stamp)) is not None
 
 
 def test_a_malformed_state_is_refused_under_its_own_topic(bench: Any, g1: RobotModel) -> None:
@@ -268,7 +270,7 @@ def test_a_malformed_state_is_refused_under_its_own_topic(bench: Any, g1: RobotM
     world = World(bench, g1)
     world.state = structs.replace(world.state, q=np.zeros(g1.nq))
     world.until(lambda: mapper.counters[f"refused {topics.ODOM}"] and publisher.get_subscription_count())
-    bench.wait(lambda: not mapper._absent(world.stamp))
+    bench.wait(lambda: None not in mapper._around(world.stamp).values())
     before = mapper.counters[f"refused {topics.ODOM}"]
     publisher.publish(cloud_message(world.stamp, PointCloud(0.0, DEPTH_FRAME, np.zeros((3, 3)))))
     bench.wait(lambda: mapper.counters[f"refused {topics.ODOM}"] > before)
