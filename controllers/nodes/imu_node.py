@@ -101,7 +101,7 @@ class ImuNode(PoiseNode):
         self._started = True
 
     def _on_driver_state(self, message: String) -> None:
-        if message.data == topics.HELD and self._started:
+        if message.data == topics.HELD and self.active:
             self._start_over()
 
     def before_diagnostics(self) -> None:

@@ -154,7 +154,7 @@ class StateEstimatorNode(PoiseNode):
         self._estimates.publish_odometry(self._state, self._last_stamp)
 
     def _on_driver_state(self, message: String) -> None:
-        if message.data == topics.HELD and self._state is not None:
+        if message.data == topics.HELD and self.active:
             self.activate()
 
 

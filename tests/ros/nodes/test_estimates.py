@@ -286,3 +286,13 @@ def test_imu_data_without_orientation_is_refused() -> None:
     raw = ImuCodec(topics.IMU_FRAME).encode(1, np.zeros(3), np.zeros(3))
     with pytest.raises(MessageError, match="no orientation"):
         OrientedImuCodec(topics.IMU_FRAME).decode(raw)
+
+
+def test_samples_of_before_a_reset_are_no_part_of_the_start(bench: Any, g1: RobotModel) -> None:
+    robot = Estimated(bench, g1)
+    drivers = bench.world.create_publisher(String, topics.DRIVER_STATE, LATCHED)
+    robot.tick(START - 5)
+    drivers.publish(String(data=topics.HELD))
+    bench.wait(lambda: not robot.node._first)
+    robot.tick(START - 5)
+    assert robot.states == []

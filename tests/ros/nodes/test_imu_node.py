@@ -79,6 +79,11 @@ def test_it_waits_for_a_robot_at_rest(bench: Any) -> None:
     deliver(filtered.node, topics.DRIVER_STATE, String(data=topics.HELD))  # put back to its start
     filtered.node.before_diagnostics()
     assert filtered.node.message == "waiting for a robot at rest"
+    filtered.tick(START - 1)
+    deliver(filtered.node, topics.DRIVER_STATE, String(data=topics.HELD))  # again, before it has started
+    filtered.tick(START - 1)
+    filtered.node.before_diagnostics()
+    assert filtered.node.message == "waiting for a robot at rest"
 
 
 def test_stamps_and_numbers_that_are_refused(bench: Any) -> None:
