@@ -17,7 +17,7 @@ from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.status import subscribe_status
-from models.status import GET_UP, MotionState, MotionStatus, StartStatus, SupervisorStatus
+from models.status import GET_UP, GaitStatus, MotionState, MotionStatus, StartStatus, SupervisorStatus
 from models.types import CommandReply, Mode
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 PLANNING = 0.5  #: Wait for a motion to be planned, after which it is answered that it was requested [s]
 DISCOVERY = 0.5  #: Time in which a new participant discovers the others; no command is sent before [s]
+LIMITING = 0.3  #: Wait for the gait planner to say that it limits a velocity [s]
 SPIN = 0.01  #: Longest wait for a callback between two checks of a condition [s]
 STOP = "stop"  #: Command that every source may send; never signed, so that no signature can be refused
 
@@ -53,6 +54,7 @@ class Client:
         motions: Every status of a motion, in order.
         status: Newest status of the supervisor; None before the first.
         driver_state: Newest word on ``driver_state``; empty before the first.
+        limited: How the gait planner limits the commanded velocity; empty while it does not.
         node: The node, for further topics and services inside the ``with`` block.
     """
 
@@ -60,7 +62,7 @@ class Client:
         self.namespace = absolute_namespace(namespace)
         self._network, self._signer = network, signer
         self.mode = ""
-        self.driver_state = ""
+        self.driver_state = self.limited = ""
         self.motions: list[MotionStatus] = []
         self.status: SupervisorStatus | None = None
         self.node: Any
@@ -76,6 +78,7 @@ class Client:
         listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
         subscribe_status(self.node, MotionStatus, topics.MOTION_STATUS, self.motions.append)
         subscribe_status(self.node, SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
+        subscribe_status(self.node, GaitStatus, topics.GAIT_STATUS, self._on_gait, LATCHED)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -86,6 +89,13 @@ class Client:
 
     def _on_driver_state(self, message: String) -> None:
         self.driver_state = message.data
+
+    @property
+    def _walks(self) -> bool:
+        return self.mode == Mode.WALK.value
+
+    def _on_gait(self, status: GaitStatus) -> None:
+        self.limited = status.limited
 
     def _on_status(self, status: SupervisorStatus) -> None:
         self.status = status
@@ -143,6 +153,8 @@ class Client:
     def command(self, text: str, timeout: float = 2.0) -> CommandReply:
         """Send a text command; returns the supervisor's answer, or that of the motion planner if it comes soon.
 
+        The answer to a velocity has how the gait planner limits it.
+
         Each is awaited for ``timeout`` [s], a motion for ``PLANNING`` [s]. Raises ``CommandError`` when no supervisor
         subscribes.
         """
@@ -163,7 +175,11 @@ class Client:
         if self.motions:
             motion = self.motions[0]
             return CommandReply(motion.state is not MotionState.REFUSED, f"{text[:32]}: {motion}")
-        return CommandReply(True, status.answer if answered() and status is not None else "sent; no answer yet")
+        if not answered() or status is None:
+            return CommandReply(True, "sent; no answer yet")
+        if text.strip().lower() == STOP or not self.wait(lambda: self._walks and bool(self.limited), LIMITING):
+            return CommandReply(True, status.answer)
+        return CommandReply(True, f"{status.answer}; {self.limited}")
 
     def trigger(self, service: str, timeout: float = 5.0, answer_timeout: float | None = None) -> CommandReply:
         """Call a std_srvs/Trigger service; numbers in its answer become details.

@@ -34,7 +34,7 @@ from models.nodes.messages import JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.status import MotionState, MotionStatus, SupervisorStatus
+from models.status import GaitStatus, MotionState, MotionStatus, SupervisorStatus
 from models.types import Mode
 from tests.ros.conftest import StatusTopic
 from tests.support import standing
@@ -52,7 +52,9 @@ class FakeSupervisor(Node):
         self.create_subscription(String, topics.HUMANOID_COMMANDS, self.on_text, EVENT)
         self.states = StatusTopic(self, topics.MOTION_STATUS)
         self.status = StatusTopic(self, topics.SUPERVISOR_STATUS, LATCHED)
-        self.create_publisher(String, topics.MODE, LATCHED).publish(String(data="stand"))
+        self.gait = StatusTopic(self, topics.GAIT_STATUS, LATCHED)
+        self.mode = self.create_publisher(String, topics.MODE, LATCHED)
+        self.mode.publish(String(data="stand"))
         self.create_service(Trigger, "mode/damp", self.on_damp)
         self.create_timer(0.05, self.report)
 
@@ -63,6 +65,9 @@ class FakeSupervisor(Node):
             self.states.publish(MotionStatus(MotionState.RUNNING))
         elif message.data == "fly":
             self.refused += 1
+        elif message.data.startswith("forward"):
+            self.mode.publish(String(data="walk"))
+            self.gait.publish(GaitStatus(True, False, "forward 9 limited to 1.2" if "9" in message.data else ""))
 
     def on_damp(self, request: Any, response: Any) -> Any:
         response.success, response.message = False, "the robot would drop"
@@ -107,8 +112,10 @@ def test_commands_are_answered(supervisor: FakeSupervisor) -> None:
         assert client.command("wave").accepted
         reply = client.command("fly")
         assert not reply.accepted and reply.reason == "unknown command 'fly'"
-        assert client.command("forward").reason == "done: ['forward']"  # without a wait for a motion
         assert client.mode == "stand"
+        assert client.command("forward").reason == "done: ['forward']"  # without a wait for a motion
+        assert client.command("forward 9").reason == "done: ['forward 9']; forward 9 limited to 1.2"
+        assert client.command("stop").reason == "done: ['stop']"
         reply = client.trigger("mode/damp")
         assert not reply.accepted and reply.reason == "the robot would drop"
     with Client() as client:  # it opens again
