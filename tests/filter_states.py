@@ -14,7 +14,7 @@ CONFIG = default_config(EstimatorConfig, "controllers", "estimator")
 DT = 0.001
 EXACT = np.zeros((2, 6, 6))
 """Noise of sole poses that are without."""
-NOISELESS = ProcessNoise(np.zeros((2, 2)), np.zeros((2, 3)), np.zeros(4), EXACT)
+NOISELESS = ProcessNoise(np.zeros((2, 2)), np.zeros((2, 4)), np.zeros(4), EXACT)
 FOOT_PLUS = np.array([6, 7, 8, 0, 1, 2])
 FOOT_MINUS = [np.array([9, 10, 11, 15, 16, 17]), np.array([12, 13, 14, 18, 19, 20])]
 

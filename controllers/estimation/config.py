@@ -144,6 +144,8 @@ class FootNoise:
     flat: Positive  #: orientation, sole flat on the ground [rad/sqrt(s)]
     tipping: Positive  #: orientation, CoP at an edge [rad/sqrt(s)]
     swing_rotation: Positive  #: orientation, foot in the air [rad/sqrt(s)]
+    turn: Positive  #: heading, foot bearing for longer than ``turn_time`` [rad/sqrt(s)]
+    turn_time: NonNegative  #: longer than a foot bears while walking [s]
     pivot: NonNegative  #: error of the point about which a bearing sole turns [m]
 
 

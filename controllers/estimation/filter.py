@@ -67,6 +67,8 @@ class NoiseLimits(NamedTuple):
     creep: float  # exponent of the horizontal position of one that has just landed
     middle: float  # geometric mean of the random walks of a swinging and a bearing foot [m/sqrt(s)]
     middle_rotation: float  # of a tipping and a flat one [rad/sqrt(s)]
+    turn: float
+    turn_time: float
 
 
 class Filter(NamedTuple):
@@ -95,7 +97,7 @@ class InvariantFilter:
         self._level_noise: Matrix = common + np.eye(4) * config.initial.sole**2
         imu = config.imu
         self._densities = np.array([imu.gyro_noise, imu.accel_noise, imu.gyro_bias_walk, imu.accel_bias_walk]) ** 2
-        self._noise = ProcessNoise(np.zeros((2, 2)), np.zeros((2, 3)), np.zeros(4), np.zeros((2, 6, 6)))
+        self._noise = ProcessNoise(np.zeros((2, 2)), np.zeros((2, 4)), np.zeros(4), np.zeros((2, 6, 6)))
         foot = config.foot
         # Height between swing and sink, as far on the way as the horizontal position is between swing and slip.
         span = math.log(foot.swing / foot.slip)
@@ -109,6 +111,8 @@ class InvariantFilter:
             creep=math.log(foot.swing / foot.creep) / span,
             middle=math.sqrt(foot.swing * foot.slip),
             middle_rotation=math.sqrt(foot.tipping * foot.flat),
+            turn=foot.turn,
+            turn_time=foot.turn_time,
         )
         constants = limits, self._densities, config.kinematics.persistence, config.gravity, config.gate
         self.memory = Filter(self.state, *constants, self._noise, self._error)
@@ -138,7 +142,7 @@ class InvariantFilter:
         state.biases[:] = 0.0
         state.innovation[:] = 0.0
         # The give of the soles under the first load is part of ``initial.height``: only what bore can settle again.
-        state.standing[:], state.bore[:] = math.inf, 0.0
+        state.standing[:], state.bore[:], state.bearing[:] = math.inf, 0.0, 0.0
         self._initialise_covariance(soles)
 
     def _initialise_covariance(self, soles: SolePoses) -> None:
@@ -220,6 +224,8 @@ def propagate(
             state.standing[foot] += dt
         elif state.bore[foot] > 0.0:
             state.standing[foot] = 0.0
+        state.bearing[foot] = state.bearing[foot] + dt if position < limits.middle else 0.0
+        turn = min(limits.turn, orientation) if state.bearing[foot] > limits.turn_time else orientation
         settled, share = state.standing[foot] > limits.settle_time, position / limits.swing
         height = limits.swing * share ** (limits.sink if settled else limits.settling)
         if not settled:
@@ -227,5 +233,5 @@ def propagate(
         lift = limits.pivot * orientation  # of a sole that turns about a point this far from where it is estimated
         variances = noise.feet[foot]
         variances[0], variances[1] = dt * (position * position), dt * (height * height + lift * lift)
-        variances[2] = dt * (orientation * orientation)
+        variances[2], variances[3] = dt * (orientation * orientation), dt * (turn * turn)
     predict(state, rate, force, dt, memory.gravity, noise)

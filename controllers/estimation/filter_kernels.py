@@ -34,6 +34,7 @@ class FilterState(NamedTuple):
     innovation: Array  # normalised innovation squared of each foot's last update, -1 if unusable (2,) [-]
     standing: Array  # time for which each foot has been flat on the ground (2,) [s]
     bore: Array  # 1 where a foot has borne load fully since the start, else 0 (2,)
+    bearing: Array  # time for which each foot has borne load (2,) [s]
 
     @classmethod
     def zero(cls) -> FilterState:
@@ -41,7 +42,7 @@ class FilterState(NamedTuple):
         soles = np.tile(np.eye(3), (2, 1, 1))
         return cls(
             np.eye(3), np.zeros((4, 3)), soles, np.zeros((2, 3)), np.eye(SIZE), np.zeros(2), np.full(2, math.inf),
-            np.zeros(2),
+            np.zeros(2), np.zeros(2),
         )  # fmt: skip
 
     def copy(self) -> FilterState:
@@ -53,7 +54,7 @@ class ProcessNoise(NamedTuple):
     """Noise of one step."""
 
     pivots: Array  # point of each sole about which it turns, in its frame (2, 2) [m]
-    feet: Array  # variances of horizontal position, height and orientation of each foot (2, 3) [m^2, rad^2]
+    feet: Array  # variances of horizontal position, height, tilt and heading of each foot (2, 4) [m^2, rad^2]
     imu: Array  # variances of angle, velocity, gyro bias and accelerometer bias (4,)
     wander: Array  # covariance of the error of the measured sole poses, in each sole frame (2, 6, 6)
 
@@ -151,24 +152,24 @@ def add_process_noise(vectors: Array, soles: Array, covariance: Array, noise: Pr
         covariance[ACCEL_BIAS + i, ACCEL_BIAS + i] += noise.imu[3]
     lever = np.zeros((3, 3))  # [r]x, r = sole origin minus pivot in W
     r = np.empty(3)
-    slow = np.empty((6, 6))
+    turn, slow = np.empty(3), np.empty((6, 6))
     for foot in range(2):
         d, z = FOOT + 3 * foot, SOLE + 3 * foot
-        tip = noise.feet[foot, 2]
         for i in range(3):
+            turn[i] = noise.feet[foot, 3 if i == 2 else 2]
             r[i] = -soles[foot, i, 0] * noise.pivots[foot, 0] - soles[foot, i, 1] * noise.pivots[foot, 1]
         lever[0, 1], lever[0, 2] = -r[2], r[1]
         lever[1, 0], lever[1, 2] = r[2], -r[0]
         lever[2, 0], lever[2, 1] = -r[1], r[0]
         for i in range(3):
             covariance[d + i, d + i] += noise.feet[foot, 1 if i == 2 else 0]
-            covariance[z + i, z + i] += tip
+            covariance[z + i, z + i] += turn[i]
             for j in range(3):
                 # xi_Z = -w and xi_d = [r]x w for a rotation w of the foot about its pivot.
-                covariance[d + i, z + j] -= tip * lever[i, j]
-                covariance[z + j, d + i] -= tip * lever[i, j]
+                covariance[d + i, z + j] -= turn[j] * lever[i, j]
+                covariance[z + j, d + i] -= turn[j] * lever[i, j]
                 for k in range(3):
-                    covariance[d + i, d + j] += tip * lever[i, k] * lever[j, k]
+                    covariance[d + i, d + j] += turn[k] * lever[i, k] * lever[j, k]
         # The filter's sole is where the encoders see it, so it moves as their error does.
         turn_noise(soles[foot], noise.wander[foot], slow)
         for i in range(3):

@@ -86,6 +86,26 @@ def test_a_foot_wanders_less_the_longer_it_lies(
     )
 
 
+@pytest.mark.parametrize("bearing", [BEARS, TIPS])
+def test_a_sole_that_bears_for_long_does_not_turn_about_the_vertical(bearing: tuple[float, float]) -> None:
+    """Also one that tips, or whose flatness is unknown: the gyro's bias about the vertical is measured by it."""
+    filter_ = InvariantFilter(CONFIG)
+
+    def heading_noise(steps: int) -> float:
+        for _ in range(steps):
+            advance(filter_, bearing)
+        filter_.state.covariance[:] = 0.0
+        advance(filter_, bearing)
+        return float(filter_.state.covariance[SOLE + 2, SOLE + 2])
+
+    long = round(FOOT_NOISE.turn_time / DT) + 1
+    assert heading_noise(10) == pytest.approx(bearing[1] ** 2 * DT)
+    assert heading_noise(long) == pytest.approx(FOOT_NOISE.turn**2 * DT)
+    assert filter_.state.covariance[SOLE, SOLE] == pytest.approx(bearing[1] ** 2 * DT)
+    advance(filter_, SWINGS)
+    assert heading_noise(10) == pytest.approx(bearing[1] ** 2 * DT)
+
+
 def advance(filter_: InvariantFilter, densities: tuple[float, float], noise: np.ndarray = EXACT) -> None:
     """One step at rest, both feet alike."""
     both = np.tile(densities, (2, 1))

@@ -102,9 +102,9 @@ def test_a_foot_turns_about_its_pivot() -> None:
     rng = np.random.default_rng(4)
     true = State.random(rng)
     cops = 0.1 * rng.normal(size=(2, 2))
-    tip = np.array([2e-3, 3e-3])
+    tilt, heading = np.array([2e-3, 3e-3]), np.array([1e-3, 4e-3])
     covariance = np.zeros((SIZE, SIZE))
-    feet = np.column_stack([np.zeros((2, 2)), tip**2])
+    feet = np.column_stack([np.zeros((2, 2)), tilt**2, heading**2])
     add_process_noise(true.vectors, true.soles, covariance, NOISELESS._replace(pivots=cops, feet=feet))
     expected = np.zeros((SIZE, SIZE))
     step = 1e-6
@@ -116,7 +116,7 @@ def test_a_foot_turns_about_its_pivot() -> None:
             moved.vectors[2 + foot] = pressure + turn @ (true.vectors[2 + foot] - pressure)
             moved.soles[foot] = turn @ true.soles[foot]
             column = true.error_from(moved) / step  # the estimate stays where the foot was
-            expected += tip[foot] ** 2 * np.outer(column, column)
+            expected += (heading if axis == 2 else tilt)[foot] ** 2 * np.outer(column, column)
     np.testing.assert_allclose(covariance, expected, atol=1e-10)
 
 
