@@ -117,7 +117,7 @@ def identify(
         name = robot or client.robot()
         model = RobotModel.load(name)
         found = identify_payload(client, model, seconds)
-        text = payload_profile(model.profile.source if robot else name, model.name, found)
+        text = payload_profile(model.profile.source if robot else name, model.name, found, save)
         say(text.rstrip())
         if save is None:
             say("poise identify --save my_robot.yaml keeps this as a profile: poise up --robot my_robot.yaml")

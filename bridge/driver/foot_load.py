@@ -1,12 +1,14 @@
 """Load on the feet of a robot at rest, from its joint torques and gravity; its mass and CoM from that load."""
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import yaml
 
 from controllers.safety.health import tilt
 from models.constants import GRAVITY
-from models.errors import MessageError
+from models.errors import ConfigError, MessageError
 from models.profile import Payload
 from models.robot_model import RobotModel
 from models.types import SensorData, Vector
@@ -99,8 +101,15 @@ def identify(model: RobotModel, mean: SensorData) -> Payload:
     )
 
 
-def payload_profile(extends: str, name: str, payload: Payload) -> str:
-    """Text of a profile ``name`` with a payload that extends another, given by name or path."""
+def payload_profile(extends: str, name: str, payload: Payload, file: Path | None = None) -> str:
+    """Text of a profile ``name`` with a payload that extends another, given by name or path.
+
+    Raises:
+        ConfigError: ``file``, which it is for, is the other profile.
+    """
+    if file is not None and file.resolve() == Path(extends).resolve():
+        raise ConfigError(f"{file}: this profile is what the result extends; give the new one another name")
     found = {"mass": round(payload.mass, 3), "com": [round(each, 4) for each in payload.com]}
     data = {"extends": extends, "name": name, "payload": found}
-    return "# Written by poise identify\n" + yaml.safe_dump(data, sort_keys=False)
+    about = "# Written by poise identify: mass [kg], shift of the whole robot's CoM forward and left [m]\n"
+    return about + yaml.safe_dump(data, sort_keys=False)

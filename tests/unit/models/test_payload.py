@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.stability.sim2sim import conditions
 from bridge.driver.foot_load import payload_profile
-from models.errors import RobotModelError
+from models.errors import ConfigError, RobotModelError
 from models.profile import Payload
 from models.robot_model import RobotModel
 from models.types import Vector
@@ -37,6 +37,13 @@ def test_mass_and_com(tmp_path: Path, g1: RobotModel, mass: float, com: tuple[fl
     legs = [name for name in model.joint_names if "knee" in name or "hip" in name]
     for name in legs:
         assert model.pin.inertias[model.pin.getJointId(name)].isApprox(g1.pin.inertias[g1.pin.getJointId(name)])
+
+
+def test_a_profile_is_not_replaced_by_one_that_extends_it(tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    assert "extends: g1" in payload_profile("g1", "g1", Payload(1.0), file)
+    with pytest.raises(ConfigError, match=r"robot\.yaml: this profile is what the result extends; .* another name"):
+        payload_profile(str(file), "g1", Payload(1.0), file)
 
 
 def test_the_g1_of_mode_machine_2_is_as_unitree_models_it(g1: RobotModel) -> None:
