@@ -146,6 +146,8 @@ class Startup:
             return f"the joints to be slower than {config.rest_speed:g} rad/s for {config.settle_time:g} s"
         if state is StartState.PREPARE:
             return f"the ramp to the standing posture, {max(self._ramp - self._elapsed, 0.0):.1f} s"
+        if state is StartState.RELAX:
+            return f"the robot to sink, {max(config.relax_time - self._elapsed, 0.0):.1f} s"
         if state is StartState.HELD:
             return f"the weight on the feet: {100.0 * self.load:.0f} %"
         if self._crashed:

@@ -88,6 +88,7 @@ def test_a_relaxing_robot_fades_from_the_last_command_with_its_gains_to_damping(
         command = bench.tick(v)
         assert command is not None
         torques.append(drive_torque(bench.model, command, bench.q - 0.1, v))
+        assert startup.state is not StartState.RELAX or startup.waits_for.startswith("the robot to sink, ")
     assert len(torques) == pytest.approx(startup.config.relax_time / DT, abs=2)
     first = drive_torque(bench.model, bench.driver, bench.q - 0.1, v)
     np.testing.assert_allclose(torques[0], first, rtol=0.01)
