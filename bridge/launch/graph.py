@@ -260,7 +260,7 @@ class Graph:
         process.start()
         for transition in (CONFIGURE, ACTIVATE):
             self._change(process.spec.nodes, transition)
-        self._say(f"{', '.join(process.spec.nodes)} active again")
+        self._say(f"{', '.join(process.spec.nodes) or process.spec.module} running again")
 
     def _change(self, names: Sequence[str], transition: int) -> None:
         processes = [*self._processes, *([] if self._plant is None else [self._plant])]

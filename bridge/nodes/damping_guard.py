@@ -15,6 +15,7 @@ from importlib import import_module
 
 from bridge.plants.config import read_options
 from bridge.plants.hardware import real_robot
+from models.errors import PoiseError
 from models.nodes import realtime
 from models.robot_model import RobotModel
 
@@ -22,12 +23,15 @@ from models.robot_model import RobotModel
 def main(args: list[str] | None = None) -> None:
     """Watch until SIGTERM, or until the launcher has ended, and for a while after that."""
     plant, robot, domain, options = sys.argv[1:] if args is None else args
+    parent = os.getppid()
+    make = import_module(f"bridge.plants.{plant}.guard").connect
+    try:
+        guard, link = make(RobotModel.load(robot), int(domain), read_options(options))
+    except PoiseError as error:
+        sys.exit(f"damping_guard: {error}")
     ending: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: ending.append(number))
-    parent = os.getppid()
-    make = import_module(f"bridge.plants.{plant}.guard").connect
-    guard, link = make(RobotModel.load(robot), int(domain), read_options(options))
     config = real_robot()
     realtime.use_fifo(config.guard_priority, lambda text: print(f"damping_guard: {text}", flush=True))
     due = time.monotonic()
