@@ -158,7 +158,7 @@ class HardwareDrivers(Drivers):
         vendor = self.plant.vendor
         if startup.commands and vendor:
             stop = stop or f"{self.plant.own_controller} '{vendor}' is active again"
-        if startup.state in (StartState.HELD, StartState.LOADED):
+        if startup.state not in (StartState.STAND, StartState.RELAX):  # which the supervisor checks, at its own cost
             self._load.update(sensors)
         command = servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
         if startup.state is StartState.STAND and servo.state is ServoState.DAMPED:

@@ -71,6 +71,7 @@ class StartServices:
             "start": str(startup.state),
             "start waits for": startup.waits_for,
             "load on the feet [%]": f"{100.0 * startup.load:.0f}",
+            "tilt [rad]": f"{startup.tilt:.2f}",
             **self._drivers.plant.report,
         }
 

@@ -5,7 +5,8 @@
                                                          stand -> relax -> damped
 
 Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. ``gantry`` waits
-for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``. ``held`` is stiff in the
+for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``. The robot must hang
+upright, without load on its feet, at the confirmation and until it is ``hanging``. ``held`` is stiff in the
 standing posture until the load on the feet, which follows from the joint torques, equals the weight. The stiff hold
 includes the torques of that load at the measured posture: gravity does not weaken its springs, and a CoM beside that of
 the model makes the robot lean less. ``loaded`` stays stiff until the joint drivers execute commands, which then replace
@@ -48,6 +49,7 @@ class StartupConfig:
     load_tolerance: Fraction
     load_time: NonNegative
     tilt_max: Positive
+    hang_load_max: Fraction
     fade: Positive
     relax_height: Fraction
     relax_time: Positive
@@ -115,6 +117,7 @@ class Startup:
         self.state = StartState.LISTEN
         self.reason = ""  #: Why the robot is damped, or was not released
         self.load = 0.0  #: Load on the feet, averaged over ``load_window``, as a share of the weight [-]
+        self.tilt = np.nan  #: Of the base, averaged likewise [rad]
         self._crashed = crashed
         self._target = model.posture("stand").copy()
         self._kp, self._kd = self.config.stiffness * model.kp, self.config.damping * model.kd
@@ -182,6 +185,7 @@ class Startup:
     def confirm_gantry(self) -> str:
         """The operator confirms that the robot hangs; the vendor's controller is released."""
         self._require("confirm_gantry", StartState.GANTRY)
+        self._require_hanging("confirm_gantry")
         self._enter(StartState.RELEASE)
         return (
             f"{self._own} is released; then the robot, which is limp, is damped" if self._own else "joints are damped"
@@ -191,6 +195,7 @@ class Startup:
         """The operator lowers the robot."""
         self._require("lower", StartState.HANGING)
         self._enter(StartState.HELD)
+        self.load = 0.0  # whose torques begin without a step
         return "lower the robot; it stands by itself when its feet bear the weight"
 
     def prepare(self) -> str:
@@ -200,6 +205,7 @@ class Startup:
             raise CommandError(f"prepare refused: {self.waits_for}")
         if self._findings:
             raise CommandError(f"prepare refused: {'; '.join(self._findings)}")
+        self._require_hanging("prepare")
         self._enter(StartState.DAMP)
         return "the joints move to the standing posture"
 
@@ -233,6 +239,7 @@ class Startup:
             self._at_fault = JointCommand.torque(sensors.tau)  # of the command that the last driver left
         self._elapsed += dt
         share = min(dt / config.load_window, 1.0)
+        self.tilt = self.tilt + share * (inputs.tilt - self.tilt) if np.isfinite(self.tilt) else inputs.tilt
         self.load += share * (inputs.load - self.load) if np.isfinite(inputs.load) else -share * self.load
         if self.state is StartState.DAMPED:
             self._hand_over(inputs, dt)
@@ -250,9 +257,12 @@ class Startup:
             if self._holds(bool(np.abs(sensors.v).max() < config.rest_speed), dt, config.settle_time):
                 self._begin_ramp(sensors.q)
         elif self.state is StartState.PREPARE:
-            self._follow_ramp(sensors.q)
+            if self._holds(bool(self._grounded), dt, config.load_time):
+                self.damp(self._grounded)
+            else:
+                self._follow_ramp(sensors.q)
         elif self.state is StartState.HELD:
-            stands = abs(self.load - 1.0) < config.load_tolerance and inputs.tilt < config.tilt_max
+            stands = abs(self.load - 1.0) < config.load_tolerance and self.tilt < config.tilt_max
             if self._holds(stands, dt, config.load_time):
                 self._enter(StartState.LOADED)
         elif self.state is StartState.LOADED:
@@ -292,6 +302,21 @@ class Startup:
     def _require(self, name: str, state: StartState) -> None:
         if self.state is not state:
             raise CommandError(f"{name} refused in state '{self.state}', which waits for {self.waits_for or 'nothing'}")
+
+    def _require_hanging(self, name: str) -> None:
+        if self._grounded:
+            raise CommandError(
+                f"{name} refused: {self._grounded}; hang the robot upright, its feet in the air, and call it again"
+            )
+
+    @property
+    def _grounded(self) -> str:
+        """Why the robot does not hang upright with its feet in the air; empty when it does."""
+        if not self.tilt < self.config.tilt_max:
+            return f"the base is tilted by {self.tilt:.2f} rad, {self.config.tilt_max:g} rad at most"
+        if self.load > self.config.hang_load_max:
+            return f"the feet bear {self.load:.0%} of the weight, {self.config.hang_load_max:.0%} at most"
+        return ""
 
     def _enter(self, state: StartState) -> None:
         self.state, self._elapsed, self._good = state, 0.0, 0.0
@@ -337,7 +362,7 @@ class Startup:
         if behind.max() > self.config.ramp_error:
             worst = int(behind.argmax())
             self.damp(f"joint '{self.model.joint_names[worst]}' is {behind[worst]:.2f} rad behind the ramp")
-        elif self._elapsed >= self._ramp:
+        elif self._elapsed >= self._ramp and not self._grounded:
             self._enter(StartState.HANGING)
 
     def _reference(self) -> Vector:

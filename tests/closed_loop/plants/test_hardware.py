@@ -23,7 +23,7 @@ from bridge.plants.unitree.simulated import DirectLink
 from bridge.plants.unitree.wire import read_low_cmd
 from controllers.estimation.assembler import mean_sample
 from models.config import default_config
-from models.errors import CommandError, MessageError
+from models.errors import CommandError, MessageError, PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData, Vector
 from tests.gantry import started
@@ -121,12 +121,38 @@ def test_each_state_of_the_start_may_be_stopped(loop: HardwareLoop, state: Start
         assert loop.startup.state is StartState.DAMPED and damping(loop.link.sent[-1])
 
 
+def test_a_lying_robot_is_neither_released_nor_prepared(loop: HardwareLoop) -> None:
+    loop.side.hooked = False
+    loop.run(3.0)
+    with pytest.raises(CommandError, match="confirm_gantry refused: the base is tilted by"):
+        loop.startup.confirm_gantry()
+    loop.run(0.5)
+    assert not loop.link.sent and loop.side.vendor == "ai"
+
+
+def test_a_robot_that_comes_off_the_rope_is_damped_and_not_prepared_where_it_lies(loop: HardwareLoop) -> None:
+    loop.reach(StartState.GANTRY)
+    loop.startup.confirm_gantry()
+    loop.reach(StartState.PREPARE)
+    loop.run(1.0)
+    loop.side.hooked = False
+    loop.reach(StartState.DAMPED, 1.5)
+    assert "of the weight" in loop.startup.reason or "tilted" in loop.startup.reason
+    loop.run(3.0)
+    with pytest.raises(CommandError, match="prepare refused: the base is tilted by"):
+        loop.startup.prepare()
+
+
 @pytest.mark.slow
 def test_a_damped_robot_is_hung_up_and_stands_again(standing: HardwareLoop) -> None:
     standing.side.hooked = True
     standing.side.rope_speed = -0.05
     standing.startup.damp("test")
     standing.run(3.0)
+    standing.startup.prepare()
+    with pytest.raises(PoiseError, match=r"damped: the feet bear .* of the weight, 30% at most"):
+        standing.reach(StartState.HANGING, 6.0)
+    standing.run(4.0)  # its feet are in the air
     standing.side.rope_speed = 0.0
     standing.startup.prepare()
     standing.reach(StartState.HANGING)

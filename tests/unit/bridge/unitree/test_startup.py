@@ -223,6 +223,40 @@ def test_it_stands_by_load_and_tilt(bench: Bench, load: float, tilt: float, stan
     assert (bench.startup.state is StartState.LOADED) == stands
 
 
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"tilt": 1.5}, r"tilted by 1\.50 rad, 0\.2 rad at most"),
+        ({"tilt": float("nan")}, "tilted by nan rad"),
+        ({"load": 0.9}, "the feet bear 90% of the weight, 30% at most"),
+    ],
+)
+def test_a_robot_that_does_not_hang_upright_is_not_released_and_does_not_move(
+    g1: RobotModel, changed: dict[str, float], reason: str
+) -> None:
+    hanging = {"tilt": 0.0, "load": 0.0}
+    bench = Bench(g1)
+    bench.reach(StartState.GANTRY)
+    bench.inputs |= changed
+    bench.run(2.0)
+    with pytest.raises(CommandError, match=f"confirm_gantry refused: .*{reason}.*; hang the robot upright"):
+        bench.startup.confirm_gantry()
+    assert bench.startup.state is StartState.GANTRY
+    bench.inputs |= hanging
+    bench.run(2.0)
+    bench.reach(StartState.PREPARE)
+    bench.inputs |= changed
+    bench.run(2.0)
+    assert bench.startup.state is StartState.DAMPED
+    with pytest.raises(CommandError, match=f"prepare refused: .*{reason}.*; hang the robot upright"):
+        bench.startup.prepare()
+    bench.inputs |= hanging
+    bench.run(2.0)
+    bench.startup.prepare()
+    bench.run(5.0)
+    assert bench.startup.state is StartState.HANGING
+
+
 def test_a_robot_that_is_lifted_again_does_not_stand(bench: Bench) -> None:
     bench.reach(StartState.LOADED)
     bench.inputs["load"] = 0.1
@@ -270,6 +304,7 @@ def test_damped_robots_start_again_from_the_gantry(bench: Bench) -> None:
     bench.startup.damp("test")
     bench.run(1.0)
     bench.inputs |= {"load": 0.0, "driven": False}
+    bench.run(1.0)
     bench.startup.prepare()
     bench.run(5.0)
     assert bench.startup.state is StartState.HANGING
