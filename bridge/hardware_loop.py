@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -57,27 +58,30 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
     or stopped. A guard watches the commands of the driver, as beside a real robot.
 
     Args:
+        marker: File that marks an unfinished run.
         robot: The robot of the laws.
         side: The simulated robot.
-        link: From ``plant`` to ``side``.
-        plant: The plant of the drivers.
+        link: From the plant to ``side``.
+        make_plant: Makes the plant of a driver.
         guard: Its guard process.
         record_period: Time between two rows of ``log`` [s]; no log when None.
     """
 
     def __init__(
         self,
+        marker: Path,
         robot: RobotModel,
         side: SideT,
         link: LinkT,
-        plant: PlantT,
+        make_plant: Callable[[], PlantT],
         guard: GuardT,
         record_period: float | None = None,
     ) -> None:
         self.robot = robot  #: The robot of the laws
         self.side = side  #: The simulated robot; no law may read it
-        self.link, self.plant = link, plant
-        self.drivers = HardwareDrivers(self.plant, self.robot)
+        self.marker = marker
+        self.link, self._make_plant = link, make_plant
+        self.restart_driver()
         self.guard = guard
         self.running = set(Process)
         self.stack = ControlStack(self.robot, StackConfig(), period=self.plant.period)
@@ -90,6 +94,11 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self._estimating = False
         self._mode = Mode.OFF  # that the drivers have
         self._t = 0.0
+
+    def restart_driver(self) -> None:
+        """Replace the driver by a new process; the last one is left without ``close``, as if it was killed."""
+        self.plant = self._make_plant()
+        self.drivers = HardwareDrivers(self.plant, self.robot)
 
     @property
     def t(self) -> float:
@@ -251,8 +260,8 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
         link, robot = DirectLink(side, delay), RobotModel.load(laws)
         if (hardware := robot.profile.hardware) is not None and hardware.mode_machine is not None:
             side.mode_machine = hardware.mode_machine  # it is a robot of the type that the laws are for
-        plant = UnitreePlant(robot, rate=rate, marker=str(marker), link=link)
-        super().__init__(robot, side, link, plant, DampingGuard(robot), record_period)
+        make_plant = partial(UnitreePlant, robot, rate=rate, marker=str(marker), link=link)
+        super().__init__(marker, robot, side, link, make_plant, DampingGuard(robot), record_period)
         link.receivers.append(self._on_command)
 
     def _on_command(self, data: bytes) -> None:
@@ -277,8 +286,8 @@ class BoosterLoop(PlantLoop[BoosterRobot, DirectBoosterLink, BoosterPlant, Boost
     ) -> None:
         side = BoosterRobot(str(robot), settings=settings, seed=seed)
         link, model = DirectBoosterLink(side, delay), RobotModel.load(laws)
-        plant = BoosterPlant(model, marker=str(marker), link=link, **settings)
-        super().__init__(model, side, link, plant, BoosterGuard(model, settings))
+        make_plant = partial(BoosterPlant, model, marker=str(marker), link=link, **settings)
+        super().__init__(marker, model, side, link, make_plant, BoosterGuard(model, settings))
         link.receivers.append(self._on_command)
 
     def _on_command(self, data: bytes) -> None:
@@ -310,9 +319,9 @@ class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlP
     ) -> None:
         side = ControlledRobot(robot, laws=laws, settings=settings, seed=seed)
         link, model = DirectControlLink(side, delay), RobotModel.load(laws)
-        plant = Ros2ControlPlant(model, marker=str(marker), link=link, **settings)
-        guard = ControlGuard(model, command_codec(model, plant.config, GUARD))
-        super().__init__(model, side, link, plant, guard)
+        make_plant = partial(Ros2ControlPlant, model, marker=str(marker), link=link, **settings)
+        guard = ControlGuard(model, command_codec(model, side.settings, GUARD))
+        super().__init__(marker, model, side, link, make_plant, guard)
         link.receivers.append(lambda data: self._on_message((COMMAND, data)))
         link.state_receivers.append(self._on_message)
 

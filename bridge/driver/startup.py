@@ -4,14 +4,17 @@
                                                          any of these from release on -> damped -> damp, or listen
                                                          stand -> relax -> damped
 
-Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. ``gantry`` waits
-for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``. The robot must hang
-upright, without load on its feet, at the confirmation and until it is ``hanging``. ``held`` is stiff in the
-standing posture until the load on the feet, which follows from the joint torques, equals the weight. The stiff hold
-includes the torques of that load at the measured posture: gravity does not weaken its springs, and a CoM beside that of
-the model makes the robot lean less. ``loaded`` stays stiff until the joint drivers execute commands, which then replace
-the stiff hold over the time ``fade``; a robot that is lifted before that is ``held`` again. ``damped`` waits for the
-operator to hang the robot up; when the vendor's controller becomes active, commands end, and the start begins again.
+Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. Where the last
+driver crashed, ``listen`` waits until robot and state of that controller are known: with none active the robot is
+``damped``, with one the start begins anew. While they are unknown nothing is commanded, unless the operator requests
+damping. ``gantry`` waits for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``.
+The robot must hang upright, without load on its feet, at the confirmation and until it is ``hanging``. ``held`` is
+stiff in the standing posture until the load on the feet, which follows from the joint torques, equals the weight. The
+stiff hold includes the torques of that load at the measured posture: gravity does not weaken its springs, and a CoM
+beside that of the model makes the robot lean less. ``loaded`` stays stiff until the joint drivers execute commands,
+which then replace the stiff hold over the time ``fade``; a robot that is lifted before that is ``held`` again.
+``damped`` waits for the operator to hang the robot up; when the vendor's controller becomes active, commands end, and
+the start begins again.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,6 +38,7 @@ class StartupConfig:
     """Schema of ``bridge/config/startup.yaml``, which has units and meanings."""
 
     listen_time: Positive
+    answer_timeout: Positive
     release_timeout: Positive
     quiet_time: Positive
     hand_over_time: Positive
@@ -85,6 +89,7 @@ class StartInputs(NamedTuple):
 
     sensors: SensorData
     findings: Sequence[str] = ()  # why the robot's messages cannot be used
+    doubts: Sequence[str] = ()  # why not even damping may be commanded
     vendor: str | None = None  # name of the vendor's active controller, empty when released, None while unknown
     load: float = 0.0  # vertical force on both feet as a share of the weight [-]
     tilt: float = 0.0  # of the base [rad]
@@ -96,10 +101,10 @@ class StartInputs(NamedTuple):
 class Startup:
     """The state machine. A tick is ``update``, then ``command``.
 
-    ``crashed`` is whether the last driver ended without damping the robot: then only damping is possible. ``executed``
-    is what the robot executes of a command, from which a fault fades. ``own`` is what messages call the robot's own
-    controller; empty for a robot without one. The methods of the operator raise ``CommandError`` with the reason of a
-    refusal.
+    ``crashed`` is whether the last driver ended without damping the robot: then only damping is possible, unless the
+    vendor's controller is active. ``executed`` is what the robot executes of a command, from which a fault fades.
+    ``own`` is what messages call the robot's own controller; empty for a robot without one. The methods of the operator
+    raise ``CommandError`` with the reason of a refusal.
     """
 
     def __init__(
@@ -131,8 +136,8 @@ class Startup:
         self._ramp = self.config.ramp_time
         self._at_fault = self._last = JointCommand.torque(np.zeros(model.nj))
         self._findings: Sequence[str] = ("no message of the robot yet",)
+        self._doubts: Sequence[str] = self._findings
         if crashed:
-            self.state = StartState.DAMPED
             self.reason = "the driver ended without damping the robot"
 
     @property
@@ -141,6 +146,8 @@ class Startup:
         state, config = self.state, self.config
         if state in _WAITS:
             return f"{_WAITS[state]} (before: {self.reason})" if self.reason else _WAITS[state]
+        if state is StartState.LISTEN and self._crashed:
+            return self._unknown
         if state is StartState.LISTEN:
             return "; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s"
         if state is StartState.RELEASE:
@@ -156,6 +163,18 @@ class Startup:
         if self._crashed:
             return f"the operator: hang the robot up, end poise up with Ctrl-C and start it again ({self.reason})"
         return f"the operator: hang the robot up and call start/prepare (damped: {self.reason})"
+
+    @property
+    def _unknown(self) -> str:
+        """What the state ``listen`` waits for after a crash."""
+        doubts = "; ".join(self._doubts) or f"no doubt for {self.config.quiet_time:g} s"
+        found = f"{doubts}: nothing is commanded, as another controller may be active ({self.reason})"
+        if self._elapsed <= self.config.answer_timeout:
+            return found
+        return (
+            f"{found}; the robot may execute the last command for ever: hold it by its rope, then "
+            f"switch it off, or call start/damp if no other controller commands it"
+        )
 
     @property
     def _released(self) -> str:
@@ -210,8 +229,12 @@ class Startup:
         return "the joints move to the standing posture"
 
     def damp(self, reason: str) -> str:
-        """Damp the robot at once. Before the release the vendor's controller is in command, and this is refused."""
-        if self.state in BEFORE_RELEASE:
+        """Damp the robot at once.
+
+        Before the release the vendor's controller is in command, and this is refused, but not after a crash, where the
+        operator sees what the messages do not say.
+        """
+        if self.state in BEFORE_RELEASE and not self._crashed:
             raise CommandError(
                 "damp refused: nothing is commanded yet; use the robot's stop"
                 + (f", or that of {self._own}" * bool(self._own))
@@ -235,7 +258,8 @@ class Startup:
         t = sensors.t + inputs.stale if sensors.t > 0.0 else 0.0
         dt = 0.0 if self._t is None else max(t - self._t, 0.0)
         self._t, self._findings = t, inputs.findings
-        if self._crashed and self._elapsed == 0.0 and np.isfinite(sensors.tau).all():
+        self._doubts = inputs.doubts
+        if self._crashed and self.state is StartState.LISTEN and np.isfinite(sensors.tau).all():
             self._at_fault = JointCommand.torque(sensors.tau)  # of the command that the last driver left
         self._elapsed += dt
         share = min(dt / config.load_window, 1.0)
@@ -243,6 +267,8 @@ class Startup:
         self.load += share * (inputs.load - self.load) if np.isfinite(inputs.load) else -share * self.load
         if self.state is StartState.DAMPED:
             self._hand_over(inputs, dt)
+        elif self._crashed:
+            self._recover(inputs, dt)
         elif inputs.stop:
             self._stop(inputs)
         elif self.state is StartState.LISTEN:
@@ -342,6 +368,14 @@ class Startup:
             self._crashed = False
             self._enter(StartState.LISTEN)
             self.reason = f"{self._own} '{inputs.vendor}' became active"
+
+    def _recover(self, inputs: StartInputs, dt: float) -> None:
+        """After a crash: damp a robot that no other controller commands; leave one alone that its vendor's does."""
+        if inputs.vendor:
+            self._crashed = False
+            self.reason = f"{self._own} '{inputs.vendor}' is active after a crash of the driver"
+        elif self._holds(inputs.vendor == "" and not inputs.doubts, dt, self.config.quiet_time):
+            self.damp(self.reason)
 
     def _release(self, inputs: StartInputs, dt: float) -> None:
         if self._holds(inputs.vendor == "" and not inputs.findings, dt, self.config.quiet_time):

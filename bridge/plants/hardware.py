@@ -11,7 +11,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from bridge.plants.base import HardwarePlant
-from controllers.joints.joint_servo import damping_command, fade_to_damping
+from controllers.joints.joint_servo import fade_to_damping
 from models.config import STRICT, Count, Fraction, Positive, default_config
 from models.files import state_folder
 from models.profile import Thresholds
@@ -195,9 +195,9 @@ class CommandSender(Protocol):
 class RealPlant(HardwarePlant):
     """Period, mark and end of the plant of a real robot.
 
-    ``close`` fades the torque of the last command into damping, and damps also when the robot was not commanded by this
-    driver after a crash. ``name`` is that of the plant, ``where`` that of the robot's interface and domain; they name
-    the file of the mark where ``marker`` is empty. ``period`` is the time between two samples [s].
+    ``close`` fades the torque of the last command into damping; a robot that this driver has not commanded gets no
+    command, and the mark of a crash stays. ``name`` is that of the plant, ``where`` that of the robot's interface and
+    domain; they name the file of the mark where ``marker`` is empty. ``period`` is the time between two samples [s].
     """
 
     def __init__(self, model: RobotModel, name: str, where: str, marker: str, period: float) -> None:
@@ -222,6 +222,10 @@ class RealPlant(HardwarePlant):
         return self._marker.crashed
 
     @property
+    def unfinished(self) -> bool:
+        return self._marker.crashed or self._marker.made
+
+    @property
     def stop(self) -> str:
         """Reason to damp, of the newest ``read``."""
         return self._stop
@@ -241,19 +245,17 @@ class RealPlant(HardwarePlant):
         """Damp the joints and leave the domain."""
         if self._closed:
             return
-        if self._sampled and (self._marker.made or self.crashed):
-            last = self._decode_command(self._sent) if self._sent else damping_command(self._model)
-            config = real_robot()
+        if self._marker.made:
+            last, config = self._decode_command(self._sent), real_robot()
             for count in range(round(config.close_time / config.command_period)):
                 self.read()
                 command = fade_to_damping(self._model, last, count * config.command_period)
                 self._send(command)
                 time.sleep(config.command_period)
             self._finish()
+            self._marker.remove()
         self._closed = True
         self._link.close()
-        if self._sampled or self._marker.made:
-            self._marker.remove()
 
     def _send(self, command: JointCommand) -> None:
         self._sent = self._encode_command(command)

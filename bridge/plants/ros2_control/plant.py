@@ -227,6 +227,13 @@ class Ros2ControlPlant(RealPlant):
         ]
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why it is not known that the command controller is active."""
+        if self.vendor is not None:
+            return ()
+        return (*self._inactive(), f"controller '{self.config.controllers[COMMAND]}' is not known to be active")[:1]
+
+    @property
     def own_controller(self) -> str:
         """None."""
         return ""

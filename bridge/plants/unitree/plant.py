@@ -74,7 +74,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
     def _decode_command(self, data: bytes) -> JointCommand:
         return joint_command(read_low_cmd(data), self._model.nj)
 
-    def _checks(self, sample: UnitreeSample) -> list[str]:
+    def _identity(self, sample: UnitreeSample) -> list[str]:
         found, given = [], self._hardware
         if sample.mode_machine != given.mode_machine:
             found.append(f"mode_machine {sample.mode_machine} is another robot than the profile's {given.mode_machine}")

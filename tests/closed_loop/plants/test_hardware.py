@@ -12,14 +12,11 @@ import pinocchio as pin
 import pytest
 from msgspec import structs
 
-from bridge.driver.drivers import HardwareDrivers
 from bridge.driver.foot_load import identify, payload_profile
 from bridge.driver.startup import BEFORE_RELEASE, StartState
-from bridge.hardware_loop import HardwareLoop
+from bridge.hardware_loop import HardwareLoop, Process
 from bridge.launch.ending import EndConfig
 from bridge.plants.deviation import Deviation
-from bridge.plants.unitree.plant import UnitreePlant
-from bridge.plants.unitree.simulated import DirectLink
 from bridge.plants.unitree.wire import read_low_cmd
 from controllers.estimation.assembler import mean_sample
 from models.config import default_config
@@ -166,21 +163,34 @@ def test_a_damped_robot_is_hung_up_and_stands_again(standing: HardwareLoop) -> N
 
 
 def test_after_a_crash_the_next_driver_only_damps(standing: HardwareLoop, tmp_path: Path) -> None:
-    """The first driver is left without ``close``, as one that was killed; the robot keeps its last command."""
+    """The first driver is left without ``close``, as one that was killed; the guard damps until the next one does."""
     assert (tmp_path / "marker").exists()
-    link = DirectLink(standing.side)
-    model = RobotModel.load("g1_hardware")
-    plant = UnitreePlant(model, marker=str(tmp_path / "marker"), link=link)
-    assert plant.crashed
-    drivers = HardwareDrivers(plant, model)
-    for _ in range(500):
-        for _ in range(2):
-            link.step()
-        drivers.act()
-    assert drivers.state == "damped" and link.sent and all(map(damping, link.sent))
-    plant.close()
+    standing.running.discard(Process.DRIVER)
+    standing.run(0.2)
+    assert standing.guard.active
+    standing.restart_driver()
+    standing.running.add(Process.DRIVER)
+    standing.link.sent.clear()
+    standing.run(0.08)
+    assert standing.plant.crashed and not standing.link.sent and standing.guard.active
+    standing.run(1.0)
+    assert standing.drivers.state == "damped" and standing.link.sent and all(map(damping, standing.link.sent))
+    assert not standing.guard.active
+    standing.plant.close()
     assert not (tmp_path / "marker").exists()
-    assert not UnitreePlant(model, marker=str(tmp_path / "marker"), link=link).crashed
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_crashed_driver_that_has_commanded_nothing_ends_without_a_command(loop: HardwareLoop, answers: bool) -> None:
+    """A robot that was started again after the crash stands under its own controller."""
+    loop.marker.touch()
+    loop.restart_driver()
+    if not answers:
+        loop.link.vendor = lambda: None  # type: ignore[method-assign]
+    loop.run(1.5)
+    assert loop.startup.state is (StartState.GANTRY if answers else StartState.LISTEN)
+    loop.plant.close()
+    assert not loop.link.sent and loop.marker.exists() is not answers
 
 
 def test_close_damps(standing: HardwareLoop) -> None:
