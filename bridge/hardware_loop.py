@@ -63,7 +63,7 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         side: The simulated robot.
         link: From the plant to ``side``.
         make_plant: Makes the plant of a driver.
-        guard: Its guard process.
+        make_guard: Makes its guard process.
         record_period: Time between two rows of ``log`` [s]; no log when None.
     """
 
@@ -74,15 +74,15 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         side: SideT,
         link: LinkT,
         make_plant: Callable[[], PlantT],
-        guard: GuardT,
+        make_guard: Callable[[], GuardT],
         record_period: float | None = None,
     ) -> None:
         self.robot = robot  #: The robot of the laws
         self.side = side  #: The simulated robot; no law may read it
         self.marker = marker
-        self.link, self._make_plant = link, make_plant
+        self.link, self._make_plant, self._make_guard = link, make_plant, make_guard
         self.restart_driver()
-        self.guard = guard
+        self.restart_guard()
         self.running = set(Process)
         self.stack = ControlStack(self.robot, StackConfig(), period=self.plant.period)
         self.history: list[str] = []  #: States of the start, in order
@@ -99,6 +99,10 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         """Replace the driver by a new process; the last one is left without ``close``, as if it was killed."""
         self.plant = self._make_plant()
         self.drivers = HardwareDrivers(self.plant, self.robot)
+
+    def restart_guard(self) -> None:
+        """Replace the guard by a new process."""
+        self.guard = self._make_guard()
 
     @property
     def t(self) -> float:
@@ -153,6 +157,8 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
 
     def _watch(self) -> None:
         """The guard's tick."""
+        if self.guard.beat_due(self.t):
+            self.link.beat(self.guard.armed)
         command = self.guard.step(self.t)
         if command is not None:
             self.link.publish(command)
@@ -261,7 +267,7 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
         if (hardware := robot.profile.hardware) is not None and hardware.mode_machine is not None:
             side.mode_machine = hardware.mode_machine  # it is a robot of the type that the laws are for
         make_plant = partial(UnitreePlant, robot, rate=rate, marker=str(marker), link=link)
-        super().__init__(marker, robot, side, link, make_plant, DampingGuard(robot), record_period)
+        super().__init__(marker, robot, side, link, make_plant, partial(DampingGuard, robot), record_period)
         link.receivers.append(self._on_command)
 
     def _on_command(self, data: bytes) -> None:
@@ -287,7 +293,7 @@ class BoosterLoop(PlantLoop[BoosterRobot, DirectBoosterLink, BoosterPlant, Boost
         side = BoosterRobot(str(robot), settings=settings, seed=seed)
         link, model = DirectBoosterLink(side, delay), RobotModel.load(laws)
         make_plant = partial(BoosterPlant, model, marker=str(marker), link=link, **settings)
-        super().__init__(marker, model, side, link, make_plant, BoosterGuard(model, settings))
+        super().__init__(marker, model, side, link, make_plant, partial(BoosterGuard, model, settings))
         link.receivers.append(self._on_command)
 
     def _on_command(self, data: bytes) -> None:
@@ -320,8 +326,8 @@ class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlP
         side = ControlledRobot(robot, laws=laws, settings=settings, seed=seed)
         link, model = DirectControlLink(side, delay), RobotModel.load(laws)
         make_plant = partial(Ros2ControlPlant, model, marker=str(marker), link=link, **settings)
-        guard = ControlGuard(model, command_codec(model, side.settings, GUARD))
-        super().__init__(marker, model, side, link, make_plant, guard)
+        make_guard = partial(ControlGuard, model, command_codec(model, side.settings, GUARD))
+        super().__init__(marker, model, side, link, make_plant, make_guard)
         link.receivers.append(lambda data: self._on_message((COMMAND, data)))
         link.state_receivers.append(self._on_message)
 

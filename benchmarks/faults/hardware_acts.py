@@ -214,6 +214,14 @@ def _killed(process: Process) -> Act:
     return act
 
 
+@contextmanager
+def _guard_killed(loop: AnyLoop, value: float) -> Iterator[None]:
+    """The guard is killed, and at the end replaced by a new process."""
+    with _killed(Process.GUARD)(loop, value):
+        yield
+    loop.restart_guard()
+
+
 def _crashed(vendor: str, *acts: str) -> Act:
     """The driver begins after a crash, with this controller of the robot and further faults."""
 
@@ -260,7 +268,8 @@ ACTS: Mapping[str, Act] = {
     "other_driver_once": _other_driver_once,
     "driver_killed": _killed(Process.DRIVER),
     "control_killed": _killed(Process.CONTROL),
-    "guard_killed": _killed(Process.GUARD),
+    "guard_stopped": _killed(Process.GUARD),
+    "guard_killed": _guard_killed,
     "crashed_and_rebooted": _crashed("ai"),
     "crashed_no_answer": _crashed("", "no_answer"),
     "crashed_other_robot": _crashed("", "mode_machine"),

@@ -4,7 +4,8 @@
 
 Each plant of a real robot has a module ``guard`` whose ``connect`` makes the guard and its connection. The
 process is no node of the graph but a participant in the robot's domain. It outlives the driver and its launcher: asked
-to end, or without its launcher, it damps a robot that was commanded for ``guard_time``.
+to end, or without its launcher, it damps a robot that was commanded for ``guard_time``. Its heartbeats are for the
+driver, which holds the robot without them, and for the launcher, which replaces a guard that is silent.
 """
 
 import os
@@ -15,6 +16,7 @@ from importlib import import_module
 
 from bridge.plants.config import read_options
 from bridge.plants.hardware import real_robot
+from bridge.ros.heartbeat import beat
 from models.errors import PoiseError
 from models.nodes import realtime
 from models.robot_model import RobotModel
@@ -41,6 +43,9 @@ def main(args: list[str] | None = None) -> None:
             now = time.monotonic()
             for data in link.take():
                 guard.receive(data, now)
+            if guard.beat_due(now):
+                link.beat(guard.armed)
+                beat()
             command = guard.step(now)
             if command is not None:
                 link.send(command)

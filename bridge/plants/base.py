@@ -66,7 +66,7 @@ class HardwarePlant(Plant, Protocol):
 
     @property
     def unfinished(self) -> bool:
-        """Whether this driver, or one that crashed, has commanded the robot since the last end or ``hand_over``."""
+        """Whether this driver, or one that crashed, has commanded the robot since ``hand_over``, or the guard may."""
 
     @property
     def arrived(self) -> bool:

@@ -180,6 +180,43 @@ def test_after_a_crash_the_next_driver_only_damps(standing: HardwareLoop, tmp_pa
     assert not (tmp_path / "marker").exists()
 
 
+def test_a_guard_that_still_damps_after_a_crash_is_ended_for_the_robots_own_controller(standing: HardwareLoop) -> None:
+    standing.running.discard(Process.DRIVER)
+    standing.run(0.1)
+    assert standing.guard.active
+    standing.side.vendor = "ai"  # the robot was started again
+    standing.restart_driver()
+    standing.running.add(Process.DRIVER)
+    standing.link.sent.clear()
+    standing.run(2.0)
+    assert not standing.guard.armed and not standing.plant.guard.armed and not standing.plant.crashed
+    assert 0 < len(standing.link.sent) <= 10 and all(read_low_cmd(data)["reserve"][3] for data in standing.link.sent)
+    assert standing.startup.state is StartState.GANTRY
+
+
+def test_a_robot_without_its_guard_is_not_released_and_not_prepared(loop: HardwareLoop) -> None:
+    loop.reach(StartState.GANTRY)
+    loop.running.discard(Process.GUARD)
+    loop.run(0.25)
+    assert loop.startup.state is StartState.GANTRY
+    loop.run(0.1)
+    assert (
+        loop.startup.state is StartState.LISTEN and "guard process silent for more than 0.3 s" in loop.startup.waits_for
+    )
+    assert loop.plant.warnings and not loop.plant.holds
+    loop.running.add(Process.GUARD)
+    loop.reach(StartState.GANTRY)
+    loop.startup.confirm_gantry()
+    loop.reach(StartState.HANGING)
+    loop.running.discard(Process.GUARD)
+    loop.run(1.1)
+    assert loop.plant.holds and not loop.plant.warnings and loop.startup.state is StartState.HANGING
+    loop.startup.damp("test")
+    loop.run(0.1)
+    with pytest.raises(CommandError, match="prepare refused: guard process silent for more than 1 s"):
+        loop.startup.prepare()
+
+
 @pytest.mark.parametrize("answers", [True, False])
 def test_a_crashed_driver_that_has_commanded_nothing_ends_without_a_command(loop: HardwareLoop, answers: bool) -> None:
     """A robot that was started again after the crash stands under its own controller."""
