@@ -25,6 +25,7 @@ from bridge.plants.ros2_control.guard import ControlGuard
 from bridge.plants.ros2_control.link import Message
 from bridge.plants.ros2_control.plant import Ros2ControlPlant
 from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
+from bridge.plants.unitree.codec import BUTTONS
 from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.simulated import DirectLink, GantryRobot
@@ -264,11 +265,22 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
     ) -> None:
         side = GantryRobot(rate=rate, seed=seed, **options)
         link, robot = DirectLink(side, delay), RobotModel.load(laws)
+        self.tries_stop_button = True  #: Whether somebody has the remote controller in hand
         if (hardware := robot.profile.hardware) is not None and hardware.mode_machine is not None:
+            self._stop_button = BUTTONS.index(hardware.stop_buttons[0])
             side.mode_machine = hardware.mode_machine  # it is a robot of the type that the laws are for
         make_plant = partial(UnitreePlant, robot, rate=rate, marker=str(marker), link=link)
         super().__init__(marker, robot, side, link, make_plant, partial(DampingGuard, robot), record_period)
         link.receivers.append(self._on_command)
+
+    def step(self) -> None:
+        """One tick; the person with the remote controller tries its stop button when the start asks for it."""
+        asked = self.tries_stop_button and self.startup.state is StartState.LISTEN and not self.plant.tried
+        if asked:
+            self.side.press(self._stop_button)
+        super().step()
+        if asked:
+            self.side.press()
 
     def _on_command(self, data: bytes) -> None:
         if Process.GUARD in self.running:

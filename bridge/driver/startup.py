@@ -346,7 +346,7 @@ class Startup:
 
     def _enter(self, state: StartState) -> None:
         self.state, self._elapsed, self._good = state, 0.0, 0.0
-        if state not in (StartState.DAMPED, StartState.GANTRY):
+        if state not in (StartState.DAMPED, *BEFORE_RELEASE):
             self.reason = ""
 
     def _holds(self, condition: bool, dt: float, time: float) -> bool:

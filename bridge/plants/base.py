@@ -105,6 +105,11 @@ class HardwarePlant(Plant, Protocol):
         """Further entries of the diagnostics."""
 
     @property
+    def remote_age(self) -> float | None:
+        """Time since the last sign of the remote controller [s], infinite before the first; None without one."""
+        return None
+
+    @property
     def end_warning(self) -> str:
         """Why ``close`` did not leave the robot as it should; empty when it did."""
         return ""

@@ -44,6 +44,7 @@ class RealRobotConfig:
     ask_period: Positive
     answer_age_max: Positive
     position_max: Positive
+    remote_unchanged: Positive
 
 
 def real_robot() -> RealRobotConfig:

@@ -4,6 +4,7 @@ Bytes of LowState and LowCmd pass between them as on the network; only the netwo
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -17,6 +18,7 @@ from bridge.driver.startup import BEFORE_RELEASE, StartState
 from bridge.hardware_loop import HardwareLoop, Process
 from bridge.launch.ending import EndConfig
 from bridge.plants.deviation import Deviation
+from bridge.plants.hardware import real_robot
 from bridge.plants.unitree.wire import read_low_cmd
 from controllers.estimation.assembler import mean_sample
 from models.config import default_config
@@ -25,7 +27,7 @@ from models.robot_model import RobotModel
 from models.types import Mode, SensorData, Vector
 from tests.gantry import started
 
-B_BUTTON = 9
+A_BUTTON, B_BUTTON = 8, 9
 AFTERWARDS = (StartState.RELAX, StartState.DAMPED)
 
 
@@ -70,6 +72,28 @@ def test_nothing_is_sent_before_the_release(loop: HardwareLoop) -> None:
     loop.startup.confirm_gantry()
     loop.run(0.5)
     assert loop.side.vendor == "" and loop.link.sent and all(map(damping, loop.link.sent))
+
+
+def test_the_stop_button_must_have_been_seen_to_work(loop: HardwareLoop, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = replace(real_robot(), remote_unchanged=0.5)
+    monkeypatch.setattr("bridge.plants.unitree.plant.real_robot", lambda: given)
+    loop.tries_stop_button = False
+    loop.run(1.0)
+    assert loop.plant.remote_age == np.inf
+    loop.side.press(A_BUTTON)
+    loop.run(1.5)
+    assert loop.startup.state is StartState.LISTEN and "remote controller, B or F1: press it" in loop.startup.waits_for
+    assert loop.plant.remote_age == pytest.approx(1.5, abs=0.01) and not loop.plant.warnings
+    loop.side.press(B_BUTTON)
+    loop.run(0.1)
+    assert loop.startup.waits_for == "button B of the remote controller"
+    loop.side.press()
+    loop.reach(StartState.GANTRY)
+    assert not loop.link.sent
+    assert loop.plant.warnings == ("remote controller unchanged for more than 0.5 s: press a button without an effect",)
+    loop.side.remote[4] = 1  # a stick
+    loop.run(0.1)
+    assert not loop.plant.warnings
 
 
 def test_it_waves_and_walks(standing: HardwareLoop) -> None:
