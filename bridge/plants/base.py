@@ -57,7 +57,7 @@ class HardwarePlant(Plant, Protocol):
     """A real robot, which is started from its vendor's controller by ``bridge/driver/startup.py``.
 
     All properties are those of the newest ``read``. ``write`` is not called before the vendor's controller is released,
-    or after a crash known to be inactive.
+    or is known to be inactive after a crash.
     """
 
     @property
@@ -78,7 +78,8 @@ class HardwarePlant(Plant, Protocol):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why not even damping may be commanded: what the robot or its active controller is, is not known."""
+        """Why not even damping may be commanded: the robot, or its active controller, is unknown."""
+        return ()
 
     @property
     def own_controller(self) -> str:
