@@ -20,6 +20,7 @@ from benchmarks.graph.graph_kinds import User
 from benchmarks.graph.robot_process import UNITREE_SIDE, RobotProcess
 from bridge.launch.graph import Graph
 from bridge.launch.hardware import hardware_options
+from bridge.plants.unitree.codec import BUTTONS
 from bridge.ros.processes import process_specs
 from models.errors import PoiseError
 from models.heading import heading, turned
@@ -32,7 +33,6 @@ from models.status import StartStatus
 from models.types import Vector
 
 START_TIME = 90.0  #: Longest wait for a robot to stand at the start [s]
-B_BUTTON = 9  #: Bit of button B of Unitree's remote controller
 MODE_TIME = 60.0  #: Longest wait for another change of mode [s]
 SLOWEST = 0.1  #: Least speed of the robot's time [-]
 
@@ -267,7 +267,7 @@ class HardwareSession(Session):
         """From the gantry to standing without the rope; the stop button is tried where there is one."""
         self.wait_for(lambda: "stop button" in self.waits_for or self.start_state == "gantry", "ready to start")
         if self.start_state != "gantry":
-            self.robot("press", B_BUTTON)
+            self.robot("press", BUTTONS.index("B"))
             self.wait_for(lambda: "button B of" in self.waits_for, "aware of the button")
             self.robot("press")
         self.reach("gantry")
