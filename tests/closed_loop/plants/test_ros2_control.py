@@ -226,6 +226,7 @@ def plant_of(side: ControlledRobot, folder: Path, laws: str = "g1", **settings: 
 def run(plant: Ros2ControlPlant, side: ControlledRobot, time: float) -> None:
     for _ in range(round(time / plant.period)):
         plant._link.step()  # type: ignore[attr-defined]
+        plant._link.beat(False)  # type: ignore[attr-defined]
         plant.read()
 
 
