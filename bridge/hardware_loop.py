@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -24,6 +25,7 @@ from bridge.plants.ros2_control.guard import ControlGuard
 from bridge.plants.ros2_control.link import Message
 from bridge.plants.ros2_control.plant import Ros2ControlPlant
 from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
+from bridge.plants.unitree.codec import BUTTONS
 from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.simulated import DirectLink, GantryRobot
@@ -57,28 +59,31 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
     or stopped. A guard watches the commands of the driver, as beside a real robot.
 
     Args:
+        marker: File that marks an unfinished run.
         robot: The robot of the laws.
         side: The simulated robot.
-        link: From ``plant`` to ``side``.
-        plant: The plant of the drivers.
-        guard: Its guard process.
+        link: From the plant to ``side``.
+        make_plant: Makes the plant of a driver.
+        make_guard: Makes its guard process.
         record_period: Time between two rows of ``log`` [s]; no log when None.
     """
 
     def __init__(
         self,
+        marker: Path,
         robot: RobotModel,
         side: SideT,
         link: LinkT,
-        plant: PlantT,
-        guard: GuardT,
+        make_plant: Callable[[], PlantT],
+        make_guard: Callable[[], GuardT],
         record_period: float | None = None,
     ) -> None:
         self.robot = robot  #: The robot of the laws
         self.side = side  #: The simulated robot; no law may read it
-        self.link, self.plant = link, plant
-        self.drivers = HardwareDrivers(self.plant, self.robot)
-        self.guard = guard
+        self.marker = marker
+        self.link, self._make_plant, self._make_guard = link, make_plant, make_guard
+        self.restart_driver()
+        self.restart_guard()
         self.running = set(Process)
         self.stack = ControlStack(self.robot, StackConfig(), period=self.plant.period)
         self.history: list[str] = []  #: States of the start, in order
@@ -90,6 +95,15 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self._estimating = False
         self._mode = Mode.OFF  # that the drivers have
         self._t = 0.0
+
+    def restart_driver(self) -> None:
+        """Replace the driver by a new process; the last one is left without ``close``, as if it was killed."""
+        self.plant = self._make_plant()
+        self.drivers = HardwareDrivers(self.plant, self.robot)
+
+    def restart_guard(self) -> None:
+        """Replace the guard by a new process."""
+        self.guard = self._make_guard()
 
     @property
     def t(self) -> float:
@@ -144,6 +158,8 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
 
     def _watch(self) -> None:
         """The guard's tick."""
+        if self.guard.beat_due(self.t):
+            self.link.beat(self.guard.armed)
         command = self.guard.step(self.t)
         if command is not None:
             self.link.publish(command)
@@ -249,11 +265,22 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
     ) -> None:
         side = GantryRobot(rate=rate, seed=seed, **options)
         link, robot = DirectLink(side, delay), RobotModel.load(laws)
+        self.tries_stop_button = True  #: Whether somebody has the remote controller in hand
         if (hardware := robot.profile.hardware) is not None and hardware.mode_machine is not None:
+            self._stop_button = BUTTONS.index(hardware.stop_buttons[0])
             side.mode_machine = hardware.mode_machine  # it is a robot of the type that the laws are for
-        plant = UnitreePlant(robot, rate=rate, marker=str(marker), link=link)
-        super().__init__(robot, side, link, plant, DampingGuard(robot), record_period)
+        make_plant = partial(UnitreePlant, robot, rate=rate, marker=str(marker), link=link)
+        super().__init__(marker, robot, side, link, make_plant, partial(DampingGuard, robot), record_period)
         link.receivers.append(self._on_command)
+
+    def step(self) -> None:
+        """One tick; the person with the remote controller tries its stop button when the start asks for it."""
+        asked = self.tries_stop_button and self.startup.state is StartState.LISTEN and not self.plant.tried
+        if asked:
+            self.side.press(self._stop_button)
+        super().step()
+        if asked:
+            self.side.press()
 
     def _on_command(self, data: bytes) -> None:
         if Process.GUARD in self.running:
@@ -277,8 +304,8 @@ class BoosterLoop(PlantLoop[BoosterRobot, DirectBoosterLink, BoosterPlant, Boost
     ) -> None:
         side = BoosterRobot(str(robot), settings=settings, seed=seed)
         link, model = DirectBoosterLink(side, delay), RobotModel.load(laws)
-        plant = BoosterPlant(model, marker=str(marker), link=link, **settings)
-        super().__init__(model, side, link, plant, BoosterGuard(model, settings))
+        make_plant = partial(BoosterPlant, model, marker=str(marker), link=link, **settings)
+        super().__init__(marker, model, side, link, make_plant, partial(BoosterGuard, model, settings))
         link.receivers.append(self._on_command)
 
     def _on_command(self, data: bytes) -> None:
@@ -310,9 +337,9 @@ class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlP
     ) -> None:
         side = ControlledRobot(robot, laws=laws, settings=settings, seed=seed)
         link, model = DirectControlLink(side, delay), RobotModel.load(laws)
-        plant = Ros2ControlPlant(model, marker=str(marker), link=link, **settings)
-        guard = ControlGuard(model, command_codec(model, plant.config, GUARD))
-        super().__init__(model, side, link, plant, guard)
+        make_plant = partial(Ros2ControlPlant, model, marker=str(marker), link=link, **settings)
+        make_guard = partial(ControlGuard, model, command_codec(model, side.settings, GUARD))
+        super().__init__(marker, model, side, link, make_plant, make_guard)
         link.receivers.append(lambda data: self._on_message((COMMAND, data)))
         link.state_receivers.append(self._on_message)
 

@@ -1,7 +1,7 @@
 """Acts of ``poise bench hardware_faults``: each injects a fault for as long as its context lasts."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Any, TypeAlias
 from unittest.mock import patch
 
@@ -214,6 +214,30 @@ def _killed(process: Process) -> Act:
     return act
 
 
+@contextmanager
+def _guard_killed(loop: AnyLoop, value: float) -> Iterator[None]:
+    """The guard is killed, and at the end replaced by a new process."""
+    with _killed(Process.GUARD)(loop, value):
+        yield
+    loop.restart_guard()
+
+
+def _crashed(vendor: str, *acts: str) -> Act:
+    """The driver begins after a crash, with this controller of the robot and further faults."""
+
+    @contextmanager
+    def act(loop: HardwareLoop, value: float) -> Iterator[None]:
+        loop.marker.touch()
+        loop.side.vendor = vendor
+        loop.restart_driver()
+        with ExitStack() as further:
+            for name in acts:
+                further.enter_context(ACTS[name](loop, value))
+            yield
+
+    return act
+
+
 ACTS: Mapping[str, Act] = {
     "temperature": _set("temperature"),
     "voltage": _set("voltage"),
@@ -244,5 +268,9 @@ ACTS: Mapping[str, Act] = {
     "other_driver_once": _other_driver_once,
     "driver_killed": _killed(Process.DRIVER),
     "control_killed": _killed(Process.CONTROL),
-    "guard_killed": _killed(Process.GUARD),
+    "guard_stopped": _killed(Process.GUARD),
+    "guard_killed": _guard_killed,
+    "crashed_and_rebooted": _crashed("ai"),
+    "crashed_no_answer": _crashed("", "no_answer"),
+    "crashed_other_robot": _crashed("", "mode_machine"),
 }

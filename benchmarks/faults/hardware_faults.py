@@ -33,7 +33,7 @@ class Row(AnyRow):
     """One fault; ``act`` is one of ``benchmarks/faults/hardware_acts.py``.
 
     ``plant`` is what the robot is behind, ``expect`` the required reaction. With ``start`` the fault is there before
-    the start of the robot, which must be refused.
+    the start of the robot, which must be refused, or go on.
     """
 
     plant: Literal["unitree", "ros2_control"] = "unitree"
@@ -172,16 +172,22 @@ class Trial:
         }
 
 
-def refusal(loop: AnyLoop, row: Row) -> Case:
-    """Start a robot with a fault that is there from the beginning: the start must end by name, without a command."""
+def at_start(loop: AnyLoop, row: Row) -> Case:
+    """Start a robot with a fault that is there from the beginning.
+
+    The start ends by name, without a command, or it goes on, without a command before the operator's confirmation.
+    """
+    sent = loop.link.sent
     with ACTS[row.act](loop, row.value):
         try:
+            loop.reach(StartState.GANTRY)
+            early = len(sent)
             loop.start()
             reason = ""
         except PoiseError as error:
-            reason = str(error)
-    seen = f"start '{loop.startup.state}', {len(loop.link.sent)} commands sent"
-    ok = bool(reason) and row.reason in reason and not loop.link.sent
+            reason, early = str(error), len(sent)
+    ok = not early and (bool(reason) and row.reason in reason if row.expect == "refuses" else not reason)
+    seen = f"start '{loop.startup.state}', {early} commands sent before"
     return {"seen": seen, "up": False, "reason": reason[:200], "time": None, "torque_step": 0.0, "ok": ok}
 
 
@@ -197,7 +203,7 @@ def measure(robot: str, seed: int, row: str) -> Case:
         else:
             loop = Ros2ControlLoop(Path(folder) / "marker", **options)
         if asked.start:
-            outcome = refusal(loop, asked)
+            outcome = at_start(loop, asked)
         else:
             loop.start()
             loop.unhook()

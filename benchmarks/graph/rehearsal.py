@@ -31,9 +31,9 @@ HELP = """\
 
 def press(robot: RobotProcess) -> None:
     """Press and release the stop button."""
-    from benchmarks.faults.hardware_acts import B_BUTTON
+    from bridge.plants.unitree.codec import BUTTONS
 
-    robot("press", B_BUTTON)
+    robot("press", BUTTONS.index("B"))
     time.sleep(PRESS_TIME)
     robot("press")
 

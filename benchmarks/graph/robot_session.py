@@ -20,6 +20,7 @@ from benchmarks.graph.graph_kinds import User
 from benchmarks.graph.robot_process import UNITREE_SIDE, RobotProcess
 from bridge.launch.graph import Graph
 from bridge.launch.hardware import hardware_options
+from bridge.plants.unitree.codec import BUTTONS
 from bridge.ros.processes import process_specs
 from models.errors import PoiseError
 from models.heading import heading, turned
@@ -253,12 +254,22 @@ class HardwareSession(Session):
         """What the start waits for, with its reason; empty before the first state."""
         return "" if self.start is None else self.start.waits_for
 
+    @property
+    def start_state(self) -> str:
+        """State of the start; empty before the first."""
+        return "" if self.start is None else self.start.state
+
     def reach(self, state: str, limit: float = MODE_TIME) -> None:
         """Wait for a state of the start."""
         self.graph.wait_for(lambda: self.start is not None and self.start.state == state, limit, f"state {state}")
 
     def stand(self) -> None:
-        """From the gantry to standing without the rope."""
+        """From the gantry to standing without the rope; the stop button is tried where there is one."""
+        self.wait_for(lambda: "stop button" in self.waits_for or self.start_state == "gantry", "ready to start")
+        if self.start_state != "gantry":
+            self.robot("press", BUTTONS.index("B"))
+            self.wait_for(lambda: "button B of" in self.waits_for, "aware of the button")
+            self.robot("press")
         self.reach("gantry")
         self._call(f"{topics.START}confirm_gantry")
         self.reach("hanging")

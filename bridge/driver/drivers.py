@@ -158,7 +158,7 @@ class HardwareDrivers(Drivers):
         vendor = self.plant.vendor
         if startup.commands and vendor:
             stop = stop or f"{self.plant.own_controller} '{vendor}' is active again"
-        if startup.state in (StartState.HELD, StartState.LOADED):
+        if startup.state not in (StartState.STAND, StartState.RELAX):  # which the supervisor checks, at its own cost
             self._load.update(sensors)
         command = servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
         if startup.state is StartState.STAND and servo.state is ServoState.DAMPED:
@@ -166,14 +166,14 @@ class HardwareDrivers(Drivers):
         if stop and startup.commands:
             servo.damp()
         findings = () if startup.commands and startup.state is not StartState.DAMPED else self.plant.findings
+        doubts = () if startup.commands else self.plant.doubts
         inputs = StartInputs(
-            sensors, findings, vendor, self._load.load, self._load.tilt,
+            sensors, findings, doubts, vendor, self._load.load, self._load.tilt,
             driven=self.awaits_command and servo.commanded, stop=stop, stale=self.stale,
         )  # fmt: skip
-        commanded = startup.commands
         if startup.update(inputs) is StartState.RELEASE:
             self.plant.release_vendor()
-        if commanded and not startup.commands:
+        if vendor and not startup.commands and self.plant.unfinished:
             self.plant.hand_over()
         given = startup.command(sensors, command)
         if given is not None:

@@ -1,6 +1,7 @@
 """Start of a real robot for people: services, status record, and diagnostics."""
 
 from collections.abc import Callable
+from math import isfinite
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -54,7 +55,9 @@ class StartServices:
     def publish(self) -> None:
         """Publish the status if it has changed; log each change of the state."""
         startup, plant = self._drivers.startup, self._drivers.plant
-        status = StartStatus(str(startup.state), startup.waits_for, plant.warnings, plant.holds)
+        status = StartStatus(
+            str(startup.state), startup.waits_for, plant.warnings, plant.holds, _last_sign(plant.remote_age)
+        )
         if status == self._published:
             return
         if status.state != self._state:
@@ -71,6 +74,8 @@ class StartServices:
             "start": str(startup.state),
             "start waits for": startup.waits_for,
             "load on the feet [%]": f"{100.0 * startup.load:.0f}",
+            "tilt [rad]": f"{startup.tilt:.2f}",
+            "remote controller": _last_sign(self._drivers.plant.remote_age) or "none",
             **self._drivers.plant.report,
         }
 
@@ -82,3 +87,10 @@ class StartServices:
             return DiagnosticStatus.ERROR, "; ".join([*parts, plant.stop])
         level = DiagnosticStatus.WARN if plant.holds or plant.warnings or startup.reason else DiagnosticStatus.OK
         return level, "; ".join([*parts, startup.reason] if startup.reason else parts)
+
+
+def _last_sign(age: float | None) -> str:
+    """When a remote controller has given its last sign, ``age`` [s] ago, in whole seconds."""
+    if age is None:
+        return ""
+    return f"last sign {age:.0f} s ago" if isfinite(age) else "no sign yet"

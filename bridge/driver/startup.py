@@ -4,13 +4,17 @@
                                                          any of these from release on -> damped -> damp, or listen
                                                          stand -> relax -> damped
 
-Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. ``gantry`` waits
-for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``. ``held`` is stiff in the
-standing posture until the load on the feet, which follows from the joint torques, equals the weight. The stiff hold
-includes the torques of that load at the measured posture: gravity does not weaken its springs, and a CoM beside that of
-the model makes the robot lean less. ``loaded`` stays stiff until the joint drivers execute commands, which then replace
-the stiff hold over the time ``fade``; a robot that is lifted before that is ``held`` again. ``damped`` waits for the
-operator to hang the robot up; when the vendor's controller becomes active, commands end, and the start begins again.
+Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. Where the last
+driver crashed, ``listen`` waits until robot and state of that controller are known: with none active the robot is
+``damped``, with one the start begins anew. While they are unknown nothing is commanded, unless the operator requests
+damping. ``gantry`` waits for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``.
+The robot must hang upright, without load on its feet, at the confirmation and until it is ``hanging``. ``held`` is
+stiff in the standing posture until the load on the feet, which follows from the joint torques, equals the weight. The
+stiff hold includes the torques of that load at the measured posture: gravity does not weaken its springs, and a CoM
+beside that of the model makes the robot lean less. ``loaded`` stays stiff until the joint drivers execute commands,
+which then replace the stiff hold over the time ``fade``; a robot that is lifted before that is ``held`` again.
+``damped`` waits for the operator to hang the robot up; when the vendor's controller becomes active, commands end, and
+the start begins again.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,6 +38,7 @@ class StartupConfig:
     """Schema of ``bridge/config/startup.yaml``, which has units and meanings."""
 
     listen_time: Positive
+    answer_timeout: Positive
     release_timeout: Positive
     quiet_time: Positive
     hand_over_time: Positive
@@ -48,6 +53,7 @@ class StartupConfig:
     load_tolerance: Fraction
     load_time: NonNegative
     tilt_max: Positive
+    hang_load_max: Fraction
     fade: Positive
     relax_height: Fraction
     relax_time: Positive
@@ -83,6 +89,7 @@ class StartInputs(NamedTuple):
 
     sensors: SensorData
     findings: Sequence[str] = ()  # why the robot's messages cannot be used
+    doubts: Sequence[str] = ()  # why not even damping may be commanded
     vendor: str | None = None  # name of the vendor's active controller, empty when released, None while unknown
     load: float = 0.0  # vertical force on both feet as a share of the weight [-]
     tilt: float = 0.0  # of the base [rad]
@@ -94,10 +101,10 @@ class StartInputs(NamedTuple):
 class Startup:
     """The state machine. A tick is ``update``, then ``command``.
 
-    ``crashed`` is whether the last driver ended without damping the robot: then only damping is possible. ``executed``
-    is what the robot executes of a command, from which a fault fades. ``own`` is what messages call the robot's own
-    controller; empty for a robot without one. The methods of the operator raise ``CommandError`` with the reason of a
-    refusal.
+    ``crashed`` is whether the last driver ended without damping the robot: then only damping is possible, unless the
+    vendor's controller is active. ``executed`` is what the robot executes of a command, from which a fault fades.
+    ``own`` is what messages call the robot's own controller; empty for a robot without one. The methods of the operator
+    raise ``CommandError`` with the reason of a refusal.
     """
 
     def __init__(
@@ -115,6 +122,7 @@ class Startup:
         self.state = StartState.LISTEN
         self.reason = ""  #: Why the robot is damped, or was not released
         self.load = 0.0  #: Load on the feet, averaged over ``load_window``, as a share of the weight [-]
+        self.tilt = np.nan  #: Of the base, averaged likewise [rad]
         self._crashed = crashed
         self._target = model.posture("stand").copy()
         self._kp, self._kd = self.config.stiffness * model.kp, self.config.damping * model.kd
@@ -128,8 +136,8 @@ class Startup:
         self._ramp = self.config.ramp_time
         self._at_fault = self._last = JointCommand.torque(np.zeros(model.nj))
         self._findings: Sequence[str] = ("no message of the robot yet",)
+        self._doubts: Sequence[str] = self._findings
         if crashed:
-            self.state = StartState.DAMPED
             self.reason = "the driver ended without damping the robot"
 
     @property
@@ -138,6 +146,8 @@ class Startup:
         state, config = self.state, self.config
         if state in _WAITS:
             return f"{_WAITS[state]} (before: {self.reason})" if self.reason else _WAITS[state]
+        if state is StartState.LISTEN and self._crashed:
+            return self._unknown
         if state is StartState.LISTEN:
             return "; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s"
         if state is StartState.RELEASE:
@@ -146,11 +156,25 @@ class Startup:
             return f"the joints to be slower than {config.rest_speed:g} rad/s for {config.settle_time:g} s"
         if state is StartState.PREPARE:
             return f"the ramp to the standing posture, {max(self._ramp - self._elapsed, 0.0):.1f} s"
+        if state is StartState.RELAX:
+            return f"the robot to sink, {max(config.relax_time - self._elapsed, 0.0):.1f} s"
         if state is StartState.HELD:
             return f"the weight on the feet: {100.0 * self.load:.0f} %"
         if self._crashed:
             return f"the operator: hang the robot up, end poise up with Ctrl-C and start it again ({self.reason})"
         return f"the operator: hang the robot up and call start/prepare (damped: {self.reason})"
+
+    @property
+    def _unknown(self) -> str:
+        """What the state ``listen`` waits for after a crash."""
+        doubts = "; ".join(self._doubts) or f"no doubt for {self.config.quiet_time:g} s"
+        found = f"{doubts}: nothing is commanded, as another controller may be active ({self.reason})"
+        if self._elapsed <= self.config.answer_timeout:
+            return found
+        return (
+            f"{found}; the robot may execute the last command for ever: hold it by its rope, then "
+            f"switch it off, or call start/damp if no other controller commands it"
+        )
 
     @property
     def _released(self) -> str:
@@ -180,6 +204,7 @@ class Startup:
     def confirm_gantry(self) -> str:
         """The operator confirms that the robot hangs; the vendor's controller is released."""
         self._require("confirm_gantry", StartState.GANTRY)
+        self._require_hanging("confirm_gantry")
         self._enter(StartState.RELEASE)
         return (
             f"{self._own} is released; then the robot, which is limp, is damped" if self._own else "joints are damped"
@@ -189,6 +214,7 @@ class Startup:
         """The operator lowers the robot."""
         self._require("lower", StartState.HANGING)
         self._enter(StartState.HELD)
+        self.load = 0.0  # whose torques begin without a step
         return "lower the robot; it stands by itself when its feet bear the weight"
 
     def prepare(self) -> str:
@@ -198,12 +224,17 @@ class Startup:
             raise CommandError(f"prepare refused: {self.waits_for}")
         if self._findings:
             raise CommandError(f"prepare refused: {'; '.join(self._findings)}")
+        self._require_hanging("prepare")
         self._enter(StartState.DAMP)
         return "the joints move to the standing posture"
 
     def damp(self, reason: str) -> str:
-        """Damp the robot at once. Before the release the vendor's controller is in command, and this is refused."""
-        if self.state in BEFORE_RELEASE:
+        """Damp the robot at once.
+
+        Before the release the vendor's controller is in command, and this is refused, but not after a crash, where the
+        operator sees what the messages do not say.
+        """
+        if self.state in BEFORE_RELEASE and not self._crashed:
             raise CommandError(
                 "damp refused: nothing is commanded yet; use the robot's stop"
                 + (f", or that of {self._own}" * bool(self._own))
@@ -227,13 +258,17 @@ class Startup:
         t = sensors.t + inputs.stale if sensors.t > 0.0 else 0.0
         dt = 0.0 if self._t is None else max(t - self._t, 0.0)
         self._t, self._findings = t, inputs.findings
-        if self._crashed and self._elapsed == 0.0 and np.isfinite(sensors.tau).all():
+        self._doubts = inputs.doubts
+        if self._crashed and self.state is StartState.LISTEN and np.isfinite(sensors.tau).all():
             self._at_fault = JointCommand.torque(sensors.tau)  # of the command that the last driver left
         self._elapsed += dt
         share = min(dt / config.load_window, 1.0)
+        self.tilt = self.tilt + share * (inputs.tilt - self.tilt) if np.isfinite(self.tilt) else inputs.tilt
         self.load += share * (inputs.load - self.load) if np.isfinite(inputs.load) else -share * self.load
         if self.state is StartState.DAMPED:
             self._hand_over(inputs, dt)
+        elif self._crashed:
+            self._recover(inputs, dt)
         elif inputs.stop:
             self._stop(inputs)
         elif self.state is StartState.LISTEN:
@@ -248,9 +283,12 @@ class Startup:
             if self._holds(bool(np.abs(sensors.v).max() < config.rest_speed), dt, config.settle_time):
                 self._begin_ramp(sensors.q)
         elif self.state is StartState.PREPARE:
-            self._follow_ramp(sensors.q)
+            if self._holds(bool(self._grounded), dt, config.load_time):
+                self.damp(self._grounded)
+            else:
+                self._follow_ramp(sensors.q)
         elif self.state is StartState.HELD:
-            stands = abs(self.load - 1.0) < config.load_tolerance and inputs.tilt < config.tilt_max
+            stands = abs(self.load - 1.0) < config.load_tolerance and self.tilt < config.tilt_max
             if self._holds(stands, dt, config.load_time):
                 self._enter(StartState.LOADED)
         elif self.state is StartState.LOADED:
@@ -291,9 +329,24 @@ class Startup:
         if self.state is not state:
             raise CommandError(f"{name} refused in state '{self.state}', which waits for {self.waits_for or 'nothing'}")
 
+    def _require_hanging(self, name: str) -> None:
+        if self._grounded:
+            raise CommandError(
+                f"{name} refused: {self._grounded}; hang the robot upright, its feet in the air, and call it again"
+            )
+
+    @property
+    def _grounded(self) -> str:
+        """Why the robot does not hang upright with its feet in the air; empty when it does."""
+        if not self.tilt < self.config.tilt_max:
+            return f"the base is tilted by {self.tilt:.2f} rad, {self.config.tilt_max:g} rad at most"
+        if self.load > self.config.hang_load_max:
+            return f"the feet bear {self.load:.0%} of the weight, {self.config.hang_load_max:.0%} at most"
+        return ""
+
     def _enter(self, state: StartState) -> None:
         self.state, self._elapsed, self._good = state, 0.0, 0.0
-        if state not in (StartState.DAMPED, StartState.GANTRY):
+        if state not in (StartState.DAMPED, *BEFORE_RELEASE):
             self.reason = ""
 
     def _holds(self, condition: bool, dt: float, time: float) -> bool:
@@ -316,6 +369,14 @@ class Startup:
             self._enter(StartState.LISTEN)
             self.reason = f"{self._own} '{inputs.vendor}' became active"
 
+    def _recover(self, inputs: StartInputs, dt: float) -> None:
+        """After a crash: damp a robot that no other controller commands; leave one alone that its vendor's does."""
+        if inputs.vendor:
+            self._crashed = False
+            self.reason = f"{self._own} '{inputs.vendor}' is active after a crash of the driver"
+        elif self._holds(inputs.vendor == "" and not inputs.doubts, dt, self.config.quiet_time):
+            self.damp(self.reason)
+
     def _release(self, inputs: StartInputs, dt: float) -> None:
         if self._holds(inputs.vendor == "" and not inputs.findings, dt, self.config.quiet_time):
             self._enter(StartState.DAMP)
@@ -335,7 +396,7 @@ class Startup:
         if behind.max() > self.config.ramp_error:
             worst = int(behind.argmax())
             self.damp(f"joint '{self.model.joint_names[worst]}' is {behind[worst]:.2f} rad behind the ramp")
-        elif self._elapsed >= self._ramp:
+        elif self._elapsed >= self._ramp and not self._grounded:
             self._enter(StartState.HANGING)
 
     def _reference(self) -> Vector:

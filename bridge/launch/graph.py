@@ -191,6 +191,9 @@ class Graph:
         end = time.monotonic() + duration
         while time.monotonic() < end:
             self._tick(min(SPIN_TIMEOUT, max(end - time.monotonic(), 0.0)))
+            for process in self._processes:
+                if process.kill_silent():
+                    self._say(f"{process.spec.module} sent no heartbeat for {process.spec.silence_max:g} s: killed")
             for process in [each for each in self._processes if each.exit_code is not None]:
                 self._restart(process)
 
@@ -260,7 +263,7 @@ class Graph:
         process.start()
         for transition in (CONFIGURE, ACTIVATE):
             self._change(process.spec.nodes, transition)
-        self._say(f"{', '.join(process.spec.nodes)} active again")
+        self._say(f"{', '.join(process.spec.nodes) or process.spec.module} running again")
 
     def _change(self, names: Sequence[str], transition: int) -> None:
         processes = [*self._processes, *([] if self._plant is None else [self._plant])]

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 
+from bridge.plants.hardware import real_robot
 from bridge.ros.environment import PROFILE_VARIABLE
 from bridge.ros.processes import BRIDGE, ProcessSpec
 from models.errors import ConfigError
@@ -97,5 +98,6 @@ class RobotNetwork:
         file.write_text(profile_text(address), encoding="utf-8")
         environment = {PROFILE_VARIABLE: str(file), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
         arguments = self.plant, robot, str(self.domain), self.options
-        guard = ProcessSpec(GUARD, (), arguments=arguments, environment=environment)
+        # without a guard the robot is held, not damped: the graph goes on
+        guard = ProcessSpec(GUARD, (), True, arguments, environment, silence_max=real_robot().guard_kill)
         return [guard, *(replace(spec, environment=environment) if spec == BRIDGE else spec for spec in specs)]

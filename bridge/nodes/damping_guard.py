@@ -4,7 +4,8 @@
 
 Each plant of a real robot has a module ``guard`` whose ``connect`` makes the guard and its connection. The
 process is no node of the graph but a participant in the robot's domain. It outlives the driver and its launcher: asked
-to end, or without its launcher, it damps a robot that was commanded for ``guard_time``.
+to end, or without its launcher, it damps a robot that was commanded for ``guard_time``. Its heartbeats are for the
+driver, which holds the robot without them, and for the launcher, which replaces a guard that is silent.
 """
 
 import os
@@ -15,6 +16,8 @@ from importlib import import_module
 
 from bridge.plants.config import read_options
 from bridge.plants.hardware import real_robot
+from bridge.ros.heartbeat import beat
+from models.errors import PoiseError
 from models.nodes import realtime
 from models.robot_model import RobotModel
 
@@ -22,12 +25,15 @@ from models.robot_model import RobotModel
 def main(args: list[str] | None = None) -> None:
     """Watch until SIGTERM, or until the launcher has ended, and for a while after that."""
     plant, robot, domain, options = sys.argv[1:] if args is None else args
+    parent = os.getppid()
+    make = import_module(f"bridge.plants.{plant}.guard").connect
+    try:
+        guard, link = make(RobotModel.load(robot), int(domain), read_options(options))
+    except PoiseError as error:
+        sys.exit(f"damping_guard: {error}")
     ending: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: ending.append(number))
-    parent = os.getppid()
-    make = import_module(f"bridge.plants.{plant}.guard").connect
-    guard, link = make(RobotModel.load(robot), int(domain), read_options(options))
     config = real_robot()
     realtime.use_fifo(config.guard_priority, lambda text: print(f"damping_guard: {text}", flush=True))
     due = time.monotonic()
@@ -37,6 +43,9 @@ def main(args: list[str] | None = None) -> None:
             now = time.monotonic()
             for data in link.take():
                 guard.receive(data, now)
+            if guard.beat_due(now):
+                link.beat(guard.armed)
+                beat()
             command = guard.step(now)
             if command is not None:
                 link.send(command)

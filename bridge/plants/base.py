@@ -56,12 +56,17 @@ class Plant(Protocol):
 class HardwarePlant(Plant, Protocol):
     """A real robot, which is started from its vendor's controller by ``bridge/driver/startup.py``.
 
-    All properties are those of the newest ``read``. ``write`` is not called before the vendor's controller is released.
+    All properties are those of the newest ``read``. ``write`` is not called before the vendor's controller is released,
+    or is known to be inactive after a crash.
     """
 
     @property
     def crashed(self) -> bool:
         """Whether the last driver ended without ``close``; the robot may have executed its last command since."""
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether this driver, or one that crashed, has commanded the robot since ``hand_over``, or the guard may."""
 
     @property
     def arrived(self) -> bool:
@@ -70,6 +75,11 @@ class HardwarePlant(Plant, Protocol):
     @property
     def findings(self) -> tuple[str, ...]:
         """Why the robot's messages cannot be used; empty when all checks pass."""
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why not even damping may be commanded: the robot, or its active controller, is unknown."""
+        return ()
 
     @property
     def own_controller(self) -> str:
@@ -94,6 +104,11 @@ class HardwarePlant(Plant, Protocol):
     @property
     def report(self) -> Mapping[str, str]:
         """Further entries of the diagnostics."""
+
+    @property
+    def remote_age(self) -> float | None:
+        """Time since the last sign of the remote controller [s], infinite before the first; None without one."""
+        return None
 
     @property
     def end_warning(self) -> str:

@@ -179,6 +179,7 @@ class StepLink:
         self._states: list[Any] = []
         self._on_the_way: list[tuple[int, bytes]] = []
         self._echo: list[bytes] = []
+        self._beats: list[bool] = []
 
     def step(self) -> None:
         """Advance the robot by 1 ms."""
@@ -196,6 +197,15 @@ class StepLink:
         """Commands of all programs since the last call."""
         found, self._echo = self._echo, []
         return found
+
+    def beats(self) -> list[bool]:
+        """Heartbeats of the guard since the last call: whether it is armed."""
+        found, self._beats = self._beats, []
+        return found
+
+    def beat(self, armed: bool) -> None:
+        """A heartbeat of the guard."""
+        self._beats.append(armed)
 
     def drop(self) -> None:
         """Lose the commands that are on the way."""

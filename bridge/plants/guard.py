@@ -17,7 +17,9 @@ class SilenceGuard:
 
     def __init__(self, model: RobotModel) -> None:
         self._model = model
-        self._silence_max = real_robot().silence_max
+        config = real_robot()
+        self._silence_max, self._beat_period = config.silence_max, config.beat_period
+        self._beat_at = -np.inf  # when the next heartbeat is due [s]
         self._last = -np.inf  # time of the driver's last command [s]
         self._command: JointCommand | None = None  # the driver's last one, while the guard commands
         self._since = 0.0  # when the guard began to command [s]
@@ -34,6 +36,13 @@ class SilenceGuard:
     def silence(self, now: float) -> float:
         """Time since the driver's last command at a time [s]."""
         return now - self._last
+
+    def beat_due(self, now: float) -> bool:
+        """Whether a heartbeat is due at a time [s]; the next one is, a period later."""
+        if now < self._beat_at:
+            return False
+        self._beat_at = now + self._beat_period
+        return True
 
     def step(self, now: float) -> bytes | None:
         """The command to publish at a time [s]; None while the driver commands, or has not begun."""

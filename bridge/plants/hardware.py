@@ -1,6 +1,7 @@
 """What the plants of real robots share: the robot's clock, counts of its samples, thresholds, mark of a run, end."""
 
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
@@ -11,7 +12,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from bridge.plants.base import HardwarePlant
-from controllers.joints.joint_servo import damping_command, fade_to_damping
+from controllers.joints.joint_servo import fade_to_damping
 from models.config import STRICT, Count, Fraction, Positive, default_config
 from models.files import state_folder
 from models.profile import Thresholds
@@ -33,12 +34,17 @@ class RealRobotConfig:
     close_time: Positive
     last_commands: Count
     silence_max: Positive
+    beat_period: Positive
+    guard_warn: Positive
+    guard_hold: Positive
+    guard_kill: Positive
     guard_time: Positive
     guard_priority: Annotated[int, Field(ge=1, le=99)]
     look_period: Positive
     ask_period: Positive
     answer_age_max: Positive
     position_max: Positive
+    remote_unchanged: Positive
 
 
 def real_robot() -> RealRobotConfig:
@@ -88,6 +94,41 @@ class ForeignCommands:
         self._rate += count - min(dt / self._window, 1.0) * self._rate
         found = beyond(f"{self._topic} of another program", self._rate, "Hz", self._bounds)
         return None if found is None else found._replace(at_once=True)
+
+
+class GuardWatch:
+    """Silence of the guard process, by its heartbeats, which say whether it is armed.
+
+    ``period`` is that of ``step`` [s]. A silent guard holds the robot: nothing would damp it after its driver.
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period, self._config = period, real_robot()
+        self.silence = np.inf  #: Since the last heartbeat [s]
+        self.armed = False  #: Whether it damps the robot when the driver is silent, by the last heartbeat
+
+    def step(self, beats: Sequence[bool]) -> None:
+        """Take the heartbeats of one period."""
+        self.silence = 0.0 if beats else self.silence + self._period
+        self.armed = beats[-1] if beats else self.armed
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reason of a warning."""
+        return self._silent(self._config.guard_warn) if not self.holds else ()
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """Reason of a hold."""
+        return self._silent(self._config.guard_hold)
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Entries of the diagnostics."""
+        return {"guard silent for [s]": f"{self.silence:.2f}", "guard armed": str(self.armed).lower()}
+
+    def _silent(self, limit: float) -> tuple[str, ...]:
+        return (f"guard process silent for more than {limit:g} s",) if self.silence > limit else ()
 
 
 class RobotClock:
@@ -188,6 +229,9 @@ class CommandSender(Protocol):
     def send(self, data: bytes) -> None:
         """Send a serialised command."""
 
+    def beats(self) -> list[bool]:
+        """Heartbeats of the guard process since the last call: whether it is armed."""
+
     def close(self) -> None:
         """Leave the robot's domain."""
 
@@ -195,9 +239,9 @@ class CommandSender(Protocol):
 class RealPlant(HardwarePlant):
     """Period, mark and end of the plant of a real robot.
 
-    ``close`` fades the torque of the last command into damping, and damps also when the robot was not commanded by this
-    driver after a crash. ``name`` is that of the plant, ``where`` that of the robot's interface and domain; they name
-    the file of the mark where ``marker`` is empty. ``period`` is the time between two samples [s].
+    ``close`` fades the torque of the last command into damping; a robot that this driver has not commanded gets no
+    command, and the mark of a crash stays. ``name`` is that of the plant, ``where`` that of the robot's interface and
+    domain; they name the file of the mark where ``marker`` is empty. ``period`` is the time between two samples [s].
     """
 
     def __init__(self, model: RobotModel, name: str, where: str, marker: str, period: float) -> None:
@@ -208,6 +252,7 @@ class RealPlant(HardwarePlant):
         self._model = model
         self._sent = b""  # the last command
         self._marker = RunMarker(Path(marker) if marker else state_folder(name) / where)
+        self.guard = GuardWatch(period)  #: Of its heartbeats
         self._stop = ""
         self._closed = False
         self._link: CommandSender
@@ -220,6 +265,20 @@ class RealPlant(HardwarePlant):
     def crashed(self) -> bool:
         """Whether the mark of an unfinished run was there at the start."""
         return self._marker.crashed
+
+    @property
+    def unfinished(self) -> bool:
+        return self._marker.crashed or self._marker.made or self.guard.armed
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """That of a silent guard."""
+        return self.guard.warnings
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """That of a silent guard."""
+        return self.guard.holds
 
     @property
     def stop(self) -> str:
@@ -241,19 +300,17 @@ class RealPlant(HardwarePlant):
         """Damp the joints and leave the domain."""
         if self._closed:
             return
-        if self._sampled and (self._marker.made or self.crashed):
-            last = self._decode_command(self._sent) if self._sent else damping_command(self._model)
-            config = real_robot()
+        if self._marker.made:
+            last, config = self._decode_command(self._sent), real_robot()
             for count in range(round(config.close_time / config.command_period)):
                 self.read()
                 command = fade_to_damping(self._model, last, count * config.command_period)
                 self._send(command)
                 time.sleep(config.command_period)
             self._finish()
+            self._marker.remove()
         self._closed = True
         self._link.close()
-        if self._sampled or self._marker.made:
-            self._marker.remove()
 
     def _send(self, command: JointCommand) -> None:
         self._sent = self._encode_command(command)

@@ -97,6 +97,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         self._stop, self._pressed = "", frozenset()
         if self._closed:
             return self._sensors
+        self.guard.step(self._link.beats())
         foreign = sum(map(self._is_foreign, self._link.commands()))
         if not self.vendor:  # else they may be those of the active controller
             self._foreign += foreign
@@ -154,9 +155,23 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
             self._why = ""
         if (beyond := np.flatnonzero(np.abs(sample.sensors.q) > real_robot().position_max)).size:
             found.append(f"motor {int(beyond[0])} measures {sample.sensors.q[beyond[0]]:.1f} rad")
-        if self.vendor is None:
-            found.append(self._fault or f"{self.service_name} does not answer")
-        return (*found, *self._checks(sample), *self.monitor.holds, *self.monitor.damps)
+        return (
+            *found,
+            *self.doubts,
+            *self._checks(sample),
+            *self.guard.warnings,
+            *self.guard.holds,
+            *self.monitor.holds,
+            *self.monitor.damps,
+        )
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why it is not known what the robot, or its active controller, is."""
+        if self._sample is None:
+            return (f"no {self.state_name} on {self._where}",)
+        silent = [self._fault or f"{self.service_name} does not answer"] if self.vendor is None else []
+        return (*silent, *self._identity(self._sample))
 
     @property
     def vendor(self) -> str | None:
@@ -173,7 +188,8 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         self._link.release()
 
     def hand_over(self) -> None:
-        if self._sampled and not self._closed:
+        if (self._marker.made or self.guard.armed) and self._sampled and not self._closed:
+            self.guard.armed = False
             data = self._encode_command(damping_command(self._model), last=True)
             for _ in range(real_robot().last_commands):
                 self._link.send(data)
@@ -181,13 +197,13 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of the monitors."""
-        return self.monitor.warnings
+        """Warnings of the monitors and of a silent guard."""
+        return (*self.monitor.warnings, *super().warnings)
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """Holds of the monitors."""
-        return self.monitor.holds
+        """Holds of the monitors and of a silent guard."""
+        return (*self.monitor.holds, *super().holds)
 
     @property
     def report(self) -> Mapping[str, str]:
@@ -195,6 +211,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         vendor = self.vendor
         return {
             **self.monitor.values,
+            **self.guard.values,
             "state rate [Hz]": f"{self.counter.rate:.0f}",
             "states refused": str(self.refused),
             "states lost": str(self.counter.lost),
@@ -217,6 +234,10 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
     def _change(self, sample: SampleT) -> str:
         """Reason to damp that follows from a sample and the one before; empty for none."""
         return ""
+
+    def _identity(self, sample: SampleT) -> list[str]:
+        """Why a sample is not of the robot of the profile."""
+        return []
 
     def _checks(self, sample: SampleT) -> list[str]:
         """Further failed checks of the newest sample."""

@@ -1,5 +1,6 @@
 """A participant in a robot's DDS domain that is polled: a node without an executor, without parameters and logs."""
 
+import os
 import time
 from abc import abstractmethod
 from math import inf
@@ -12,6 +13,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
+from std_msgs.msg import Bool
 
 from bridge.plants.hardware import real_robot
 from bridge.plants.low_level import LowLink
@@ -62,6 +64,28 @@ def take(subscription: Any) -> Any:
     return None if taken is None else taken[0]
 
 
+def take_beats(subscription: Any) -> list[bool]:
+    """Heartbeats of a guard since the last call."""
+    found: list[bool] = []
+    while len(found) < QUEUE and (beat := take(subscription)) is not None:
+        found.append(bool(beat.data))
+    return found
+
+
+def beat_writer(node: Node) -> Any:
+    """Publisher of the heartbeats of a guard, for the driver that the same process has started."""
+    return node.create_publisher(Bool, _beat_topic(), SENSOR)
+
+
+def beat_reader(node: Node) -> Any:
+    """Subscription to the heartbeats of the guard that the same process has started."""
+    return node.create_subscription(Bool, _beat_topic(), ignore, SENSOR)
+
+
+def _beat_topic() -> str:
+    return f"poise_guard_{os.getppid()}"  # the guard of another graph does not count
+
+
 def ignore(message: Any) -> None:
     """Callback of polled subscriptions; never called."""
 
@@ -95,6 +119,7 @@ class ServiceLink(LowLink):
         self._responses = node.create_subscription(response, topics.responses, ignore, SENSOR)
         self._commands = node.create_publisher(command, topics.command, reliable)
         self._requests = node.create_publisher(self._request, topics.requests, reliable)
+        self._beats = beat_reader(node)
         self._topics, self._config = topics, real_robot()
         self._ask_period = self._config.ask_period if ask_period is None else ask_period
         self._looked = self._asked = self._answered = self._changed = -inf
@@ -108,6 +133,9 @@ class ServiceLink(LowLink):
 
     def commands(self) -> list[bytes]:
         return take_all(self._echo)
+
+    def beats(self) -> list[bool]:
+        return take_beats(self._beats)
 
     def vendor(self) -> str | None:
         now = time.monotonic()
@@ -148,7 +176,9 @@ class ServiceLink(LowLink):
 
 
 class CommandLink:
-    """Both ends of the topic of a robot's commands, for its guard; ``MessageError`` when the type is not built.
+    """Both ends of the topic of a robot's commands, and the heartbeat, for its guard.
+
+    ``MessageError`` when the type is not built.
 
     ``package`` has the type ``LowCmd``.
     """
@@ -158,6 +188,7 @@ class CommandLink:
         self._context, self._node = join(domain, "poise_guard")
         self._reader = self._node.create_subscription(command, topic, ignore, SENSOR, raw=True)
         self._writer = self._node.create_publisher(command, topic, QoSProfile(depth=1))
+        self._beats = beat_writer(self._node)
 
     def take(self) -> list[bytes]:
         """Serialised commands since the last call, the oldest first, those of this link included."""
@@ -166,6 +197,10 @@ class CommandLink:
     def send(self, data: bytes) -> None:
         """Publish a serialised command."""
         self._writer.publish(data)
+
+    def beat(self, armed: bool) -> None:
+        """Publish a heartbeat."""
+        self._beats.publish(Bool(data=armed))
 
     def close(self) -> None:
         """Leave the robot's domain."""

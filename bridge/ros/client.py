@@ -242,7 +242,11 @@ def overview(client: Client) -> dict[str, str]:
 
 def start_lines(start: StartStatus) -> dict[str, str]:
     """Lines of a real robot."""
-    return {"start": start.state, "monitors": "; ".join((*start.holds, *start.warnings)) or "no warnings"}
+    return {
+        "start": start.state,
+        "monitors": "; ".join((*start.holds, *start.warnings)) or "no warnings",
+        **({"remote controller": start.remote} if start.remote else {}),
+    }
 
 
 def next_step(status: SupervisorStatus, start: StartStatus | None = None) -> str:

@@ -16,6 +16,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
+from bridge.ros.heartbeat import VARIABLE, Heartbeat
 from models.errors import PoiseError
 
 Parameters = Mapping[str, Mapping[str, object]]  #: Parameter values by node name, then by parameter name
@@ -31,7 +32,8 @@ CLEAN_EXITS = (0, -signal.SIGTERM)
 class ProcessSpec:
     """A Python module with a ``main``, and its nodes in activation order; the graph runs on without an optional one.
 
-    ``arguments`` precede those of ROS; ``environment`` is in addition to that of the graph.
+    ``arguments`` precede those of ROS; ``environment`` is in addition to that of the graph. ``silence_max`` is the
+    longest silence of one that sends heartbeats [s].
     """
 
     module: str
@@ -39,6 +41,7 @@ class ProcessSpec:
     optional: bool = False
     arguments: tuple[str, ...] = ()
     environment: Mapping[str, str] = field(default_factory=dict)
+    silence_max: float | None = None
 
 
 def absolute_namespace(namespace: str) -> str:
@@ -98,6 +101,7 @@ class GraphProcess:
         self._environment = {**os.environ, **environment}
         self.output = output
         self._process: subprocess.Popen[bytes] | None = None
+        self._heartbeat: Heartbeat | None = None
 
     @property
     def pid(self) -> int:
@@ -111,14 +115,33 @@ class GraphProcess:
 
     def start(self) -> None:
         """Start in a new session, so that Ctrl-C reaches the launcher alone."""
+        environment, inherited = self._environment, tuple[int, ...]()
+        if self.spec.silence_max is not None:
+            if self._heartbeat is not None:
+                self._heartbeat.close()
+            self._heartbeat = Heartbeat()
+            inherited = (self._heartbeat.writer,)
+            environment = {**environment, VARIABLE: str(self._heartbeat.writer)}
         self._process = subprocess.Popen(
             self._command,
-            env=self._environment,
+            env=environment,
+            pass_fds=inherited,
             start_new_session=True,
             stdin=subprocess.DEVNULL,
             stdout=self.output,
             stderr=self.output,
         )
+        for end in inherited:
+            os.close(end)
+
+    def kill_silent(self) -> bool:
+        """Kill a process that runs, but whose heartbeat has been missing for ``silence_max``; whether it was."""
+        limit = self.spec.silence_max
+        if limit is None or self._heartbeat is None or self.exit_code is not None:
+            return False
+        if silent := self._heartbeat.silent(limit):
+            self.signal(signal.SIGKILL)
+        return silent
 
     def signal(self, number: int) -> None:
         """Send a signal, if it still runs."""

@@ -104,6 +104,10 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
         return {**super().report, "remote controller silent for [s]": f"{self._remote.age:.1f}"}
 
     @property
+    def remote_age(self) -> float | None:
+        return self._remote.age
+
+    @property
     def end_warning(self) -> str:
         return self._end_warning
 

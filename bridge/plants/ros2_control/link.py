@@ -9,9 +9,10 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Bool
 
 from bridge.plants.hardware import real_robot
-from bridge.plants.participant import SENSOR, ignore, join, take, take_all
+from bridge.plants.participant import SENSOR, beat_reader, beat_writer, ignore, join, take, take_all, take_beats
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, STATE, Ros2ControlConfig
 from models.nodes.interfaces import interface
 
@@ -35,6 +36,9 @@ class ControlLink(Protocol):
 
     def controllers(self) -> Mapping[str, str] | None:
         """State of each loaded controller by name; None while the controller manager does not answer."""
+
+    def beats(self) -> list[bool]:
+        """Heartbeats of the guard process since the last call: whether it is armed."""
 
     def joint_order(self) -> Sequence[str] | None:
         """Joints of linear_feedback_controller in its order; None while unknown, and for other controllers."""
@@ -60,6 +64,7 @@ class RosLink(ControlLink):
             for source in sources
         ]
         self._echo: Any = None  # a guard reads them as a source
+        self._beats: Any = beat_writer(node) if COMMAND in sources else beat_reader(node)
         if COMMAND not in sources:
             self._echo = node.create_subscription(command, topics[COMMAND], ignore, SENSOR, raw=True)
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -83,6 +88,13 @@ class RosLink(ControlLink):
 
     def commands(self) -> list[bytes]:
         return [] if self._echo is None else take_all(self._echo)
+
+    def beats(self) -> list[bool]:
+        return take_beats(self._beats)
+
+    def beat(self, armed: bool) -> None:
+        """Heartbeat of the guard."""
+        self._beats.publish(Bool(data=armed))
 
     def controllers(self) -> Mapping[str, str] | None:
         if self._client is None:

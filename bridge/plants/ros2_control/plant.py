@@ -80,6 +80,7 @@ class Ros2ControlPlant(RealPlant):
         self._stop = ""
         if self._closed:
             return self._sensors
+        self.guard.step(self._link.beats())
         foreign = sum(self._codec.mark(data) not in (self._mark, GUARD) for data in self._link.commands())
         self._others = self._foreign.step(foreign, self._period)
         self._gather()
@@ -202,6 +203,7 @@ class Ros2ControlPlant(RealPlant):
         if self._t:
             found += self.warnings
             found += self.counter.findings("complete samples")
+            found += self.guard.holds
         if self.config.controller_manager:
             if self._link.controllers() is None:
                 found.append(f"'{self.config.manager}/list_controllers' does not answer ({self._where})")
@@ -225,6 +227,13 @@ class Ros2ControlPlant(RealPlant):
             f"controller '{name}' has other joints than robot '{self._model.name}': {what}; "
             f"configure it with the file that 'poise controllers' writes"
         ]
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why it is not known that the command controller is active."""
+        if self.vendor is not None:
+            return ()
+        return (*self._inactive(), f"controller '{self.config.controllers[COMMAND]}' is not known to be active")[:1]
 
     @property
     def own_controller(self) -> str:
@@ -255,12 +264,12 @@ class Ros2ControlPlant(RealPlant):
             f"{source}: no message with the stamp of the joint states; its broadcaster must run at {rate:g} Hz"
             for source in self._assembler.mixed
         )
-        return *mixed, *self._others_at(Level.WARN)
+        return *mixed, *self._others_at(Level.WARN), *super().warnings
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """Commands of other programs; ros2_control has no standard topics of temperatures and voltages."""
-        return self._others_at(Level.HOLD)
+        """Other programs and a silent guard; ros2_control has no standard topics of temperatures and voltages."""
+        return *self._others_at(Level.HOLD), *super().holds
 
     def _others_at(self, level: Level) -> tuple[str, ...]:
         return () if self._others is None or self._others.level is not level else (self._others.reason,)
@@ -271,6 +280,7 @@ class Ros2ControlPlant(RealPlant):
         assembler = self._assembler
         inactive = "unknown" if self._link.controllers() is None else "; ".join(self._inactive()) or "none"
         return {
+            **self.guard.values,
             "state rate [Hz]": f"{self.counter.rate:.0f}",
             "states lost": str(self.counter.lost),
             "samples of several stamps": str(assembler.incomplete),

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from bridge.plants.hardware import RobotClock, real_robot
 from bridge.plants.low_level import LowLevelPlant
 from bridge.plants.unitree.codec import BUTTONS, UnitreeCodec, UnitreeSample, is_foreign, joint_command
@@ -23,6 +25,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         domain: DDS domain of the robot.
         rate: Rate of the robot's states and of the commands [Hz]: 500 or 1000.
         marker: File that marks an unfinished run; that of the interface when empty.
+        remote: Whether the robot has a remote controller; only a stand-in for a robot has none.
         link: Connection to the robot; one over DDS when None.
 
     Raises:
@@ -41,6 +44,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         domain: int = 0,
         rate: float = 500.0,
         marker: str = "",
+        remote: bool = True,
         link: RobotLink | None = None,
     ) -> None:
         if rate not in RATES:
@@ -50,12 +54,22 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         self._codec = UnitreeCodec(model, clock, self._session)
         if self._hardware.mode_machine is None or self._hardware.voltage is None:
             raise ConfigError(f"robot '{model.name}' needs hardware.mode_machine and hardware.voltage in its profile")
+        self._remote = remote
+        self.tried = not remote  #: Whether a stop button has been pressed
+        self._unchanged = np.inf  # time since the last change of the remote controller [s]
         self._link = self._robot = DdsLink(domain) if link is None else link
 
     def _decode(self, message: bytes) -> UnitreeSample:
         sample = self._codec.decode(message)
         self._pressed |= sample.pressed
+        self.tried = self.tried or not sample.pressed.isdisjoint(self._hardware.stop_buttons)
         return sample
+
+    def _accept(self, sample: UnitreeSample) -> None:
+        before = self._sample
+        super()._accept(sample)
+        changed = before is not None and sample.remote != before.remote
+        self._unchanged = 0.0 if changed else self._unchanged + self._period
 
     def _is_foreign(self, data: bytes) -> bool:
         return is_foreign(data, self._session)
@@ -74,7 +88,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
     def _decode_command(self, data: bytes) -> JointCommand:
         return joint_command(read_low_cmd(data), self._model.nj)
 
-    def _checks(self, sample: UnitreeSample) -> list[str]:
+    def _identity(self, sample: UnitreeSample) -> list[str]:
         found, given = [], self._hardware
         if sample.mode_machine != given.mode_machine:
             found.append(f"mode_machine {sample.mode_machine} is another robot than the profile's {given.mode_machine}")
@@ -84,6 +98,24 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
                 f"its controller, then set hardware.switcher_version of the profile"
             )
         return found
+
+    def _checks(self, sample: UnitreeSample) -> list[str]:
+        if self.tried:
+            return []
+        buttons = " or ".join(self._hardware.stop_buttons)
+        return [f"the stop button of the remote controller, {buttons}: press it, to see that it is received"]
+
+    @property
+    def remote_age(self) -> float | None:
+        return self._unchanged if self._remote else None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """As ``LowLevelPlant``, and a remote controller that does not change: it may be out of range."""
+        limit = real_robot().remote_unchanged
+        quiet = self._remote and self.tried and self._unchanged > limit
+        own = (f"remote controller unchanged for more than {limit:g} s: press a button without an effect",)
+        return (*super().warnings, *own * quiet)
 
     @property
     def report(self) -> Mapping[str, str]:

@@ -11,9 +11,10 @@ from benchmarks.core.harness import Options
 from benchmarks.faults import hardware_faults
 from benchmarks.faults.hardware_acts import ACTS
 from benchmarks.faults.hardware_faults import Row, Trial, config, measure
+from bridge.driver.startup import Startup
 from bridge.hardware_loop import HardwareLoop
 from bridge.plants.guard import SilenceGuard
-from bridge.plants.hardware import ForeignCommands, RobotClock
+from bridge.plants.hardware import ForeignCommands, GuardWatch, RobotClock
 from bridge.plants.ros2_control.commands import EffortCodec
 from bridge.plants.ros2_control.plant import Ros2ControlPlant
 from controllers.joints.joint_servo import JointServo, damping_command
@@ -27,7 +28,7 @@ QUICK = ("driver_killed_walk", "foreign", "battery_swap")  #: Of the rows that d
 #: On one robot, one after the other: it stands after each
 IN_SEQUENCE = (
     "crc_state_once", "crc_command_once", "nan_state_once", "states_repeated_10ms", "cable_10ms", "driver_late_30ms",
-    "guard_killed", "hot_91",
+    "guard_stopped", "hot_91",
 )  # fmt: skip
 
 SLOW = pytest.mark.slow
@@ -38,6 +39,10 @@ REMOVED: list[Any] = [
     pytest.param("imu_silent", Ros2ControlPlant, "_ages", lambda self: {}, marks=SLOW),
     pytest.param("controller_inactive", Ros2ControlPlant, "_inactive", lambda self: [], marks=SLOW),
     pytest.param("stamps_forward", RobotClock, "step", lambda self, count: count * self._tick, marks=SLOW),
+    pytest.param("guard_stopped", GuardWatch, "holds", (), marks=SLOW),
+    pytest.param("guard_missing", GuardWatch, "step", lambda self, beats: setattr(self, "silence", 0.0), marks=SLOW),
+    pytest.param("crashed_and_rebooted", Startup, "_recover", lambda self, inputs, dt: self.damp(""), marks=SLOW),
+    pytest.param("crashed_no_answer", Startup, "_recover", lambda self, inputs, dt: self.damp(""), marks=SLOW),
     pytest.param("effort_control_killed_walk", JointServo, "overdue", lambda self, t: False, marks=SLOW),
 ]
 

@@ -4,6 +4,7 @@ Bytes of LowState and LowCmd pass between them as on the network; only the netwo
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,23 +13,21 @@ import pinocchio as pin
 import pytest
 from msgspec import structs
 
-from bridge.driver.drivers import HardwareDrivers
 from bridge.driver.foot_load import identify, payload_profile
 from bridge.driver.startup import BEFORE_RELEASE, StartState
-from bridge.hardware_loop import HardwareLoop
+from bridge.hardware_loop import HardwareLoop, Process
 from bridge.launch.ending import EndConfig
 from bridge.plants.deviation import Deviation
-from bridge.plants.unitree.plant import UnitreePlant
-from bridge.plants.unitree.simulated import DirectLink
+from bridge.plants.hardware import real_robot
 from bridge.plants.unitree.wire import read_low_cmd
 from controllers.estimation.assembler import mean_sample
 from models.config import default_config
-from models.errors import CommandError, MessageError
+from models.errors import CommandError, MessageError, PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData, Vector
 from tests.gantry import started
 
-B_BUTTON = 9
+A_BUTTON, B_BUTTON = 8, 9
 AFTERWARDS = (StartState.RELAX, StartState.DAMPED)
 
 
@@ -73,6 +72,28 @@ def test_nothing_is_sent_before_the_release(loop: HardwareLoop) -> None:
     loop.startup.confirm_gantry()
     loop.run(0.5)
     assert loop.side.vendor == "" and loop.link.sent and all(map(damping, loop.link.sent))
+
+
+def test_the_stop_button_must_have_been_seen_to_work(loop: HardwareLoop, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = replace(real_robot(), remote_unchanged=0.5)
+    monkeypatch.setattr("bridge.plants.unitree.plant.real_robot", lambda: given)
+    loop.tries_stop_button = False
+    loop.run(1.0)
+    assert loop.plant.remote_age == np.inf
+    loop.side.press(A_BUTTON)
+    loop.run(1.5)
+    assert loop.startup.state is StartState.LISTEN and "remote controller, B or F1: press it" in loop.startup.waits_for
+    assert loop.plant.remote_age == pytest.approx(1.5, abs=0.01) and not loop.plant.warnings
+    loop.side.press(B_BUTTON)
+    loop.run(0.1)
+    assert loop.startup.waits_for == "button B of the remote controller"
+    loop.side.press()
+    loop.reach(StartState.GANTRY)
+    assert not loop.link.sent
+    assert loop.plant.warnings == ("remote controller unchanged for more than 0.5 s: press a button without an effect",)
+    loop.side.remote[4] = 1  # a stick
+    loop.run(0.1)
+    assert not loop.plant.warnings
 
 
 def test_it_waves_and_walks(standing: HardwareLoop) -> None:
@@ -121,12 +142,38 @@ def test_each_state_of_the_start_may_be_stopped(loop: HardwareLoop, state: Start
         assert loop.startup.state is StartState.DAMPED and damping(loop.link.sent[-1])
 
 
+def test_a_lying_robot_is_neither_released_nor_prepared(loop: HardwareLoop) -> None:
+    loop.side.hooked = False
+    loop.run(3.0)
+    with pytest.raises(CommandError, match="confirm_gantry refused: the base is tilted by"):
+        loop.startup.confirm_gantry()
+    loop.run(0.5)
+    assert not loop.link.sent and loop.side.vendor == "ai"
+
+
+def test_a_robot_that_comes_off_the_rope_is_damped_and_not_prepared_where_it_lies(loop: HardwareLoop) -> None:
+    loop.reach(StartState.GANTRY)
+    loop.startup.confirm_gantry()
+    loop.reach(StartState.PREPARE)
+    loop.run(1.0)
+    loop.side.hooked = False
+    loop.reach(StartState.DAMPED, 1.5)
+    assert "of the weight" in loop.startup.reason or "tilted" in loop.startup.reason
+    loop.run(3.0)
+    with pytest.raises(CommandError, match="prepare refused: the base is tilted by"):
+        loop.startup.prepare()
+
+
 @pytest.mark.slow
 def test_a_damped_robot_is_hung_up_and_stands_again(standing: HardwareLoop) -> None:
     standing.side.hooked = True
     standing.side.rope_speed = -0.05
     standing.startup.damp("test")
     standing.run(3.0)
+    standing.startup.prepare()
+    with pytest.raises(PoiseError, match=r"damped: the feet bear .* of the weight, 30% at most"):
+        standing.reach(StartState.HANGING, 6.0)
+    standing.run(4.0)  # its feet are in the air
     standing.side.rope_speed = 0.0
     standing.startup.prepare()
     standing.reach(StartState.HANGING)
@@ -140,21 +187,71 @@ def test_a_damped_robot_is_hung_up_and_stands_again(standing: HardwareLoop) -> N
 
 
 def test_after_a_crash_the_next_driver_only_damps(standing: HardwareLoop, tmp_path: Path) -> None:
-    """The first driver is left without ``close``, as one that was killed; the robot keeps its last command."""
+    """The first driver is left without ``close``, as one that was killed; the guard damps until the next one does."""
     assert (tmp_path / "marker").exists()
-    link = DirectLink(standing.side)
-    model = RobotModel.load("g1_hardware")
-    plant = UnitreePlant(model, marker=str(tmp_path / "marker"), link=link)
-    assert plant.crashed
-    drivers = HardwareDrivers(plant, model)
-    for _ in range(500):
-        for _ in range(2):
-            link.step()
-        drivers.act()
-    assert drivers.state == "damped" and link.sent and all(map(damping, link.sent))
-    plant.close()
+    standing.running.discard(Process.DRIVER)
+    standing.run(0.2)
+    assert standing.guard.active
+    standing.restart_driver()
+    standing.running.add(Process.DRIVER)
+    standing.link.sent.clear()
+    standing.run(0.08)
+    assert standing.plant.crashed and not standing.link.sent and standing.guard.active
+    standing.run(1.0)
+    assert standing.drivers.state == "damped" and standing.link.sent and all(map(damping, standing.link.sent))
+    assert not standing.guard.active
+    standing.plant.close()
     assert not (tmp_path / "marker").exists()
-    assert not UnitreePlant(model, marker=str(tmp_path / "marker"), link=link).crashed
+
+
+def test_a_guard_that_still_damps_after_a_crash_is_ended_for_the_robots_own_controller(standing: HardwareLoop) -> None:
+    standing.running.discard(Process.DRIVER)
+    standing.run(0.1)
+    assert standing.guard.active
+    standing.side.vendor = "ai"  # the robot was started again
+    standing.restart_driver()
+    standing.running.add(Process.DRIVER)
+    standing.link.sent.clear()
+    standing.run(2.0)
+    assert not standing.guard.armed and not standing.plant.guard.armed and not standing.plant.crashed
+    assert 0 < len(standing.link.sent) <= 10 and all(read_low_cmd(data)["reserve"][3] for data in standing.link.sent)
+    assert standing.startup.state is StartState.GANTRY
+
+
+def test_a_robot_without_its_guard_is_not_released_and_not_prepared(loop: HardwareLoop) -> None:
+    loop.reach(StartState.GANTRY)
+    loop.running.discard(Process.GUARD)
+    loop.run(0.25)
+    assert loop.startup.state is StartState.GANTRY
+    loop.run(0.1)
+    assert (
+        loop.startup.state is StartState.LISTEN and "guard process silent for more than 0.3 s" in loop.startup.waits_for
+    )
+    assert loop.plant.warnings and not loop.plant.holds
+    loop.running.add(Process.GUARD)
+    loop.reach(StartState.GANTRY)
+    loop.startup.confirm_gantry()
+    loop.reach(StartState.HANGING)
+    loop.running.discard(Process.GUARD)
+    loop.run(1.1)
+    assert loop.plant.holds and not loop.plant.warnings and loop.startup.state is StartState.HANGING
+    loop.startup.damp("test")
+    loop.run(0.1)
+    with pytest.raises(CommandError, match="prepare refused: guard process silent for more than 1 s"):
+        loop.startup.prepare()
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_crashed_driver_that_has_commanded_nothing_ends_without_a_command(loop: HardwareLoop, answers: bool) -> None:
+    """A robot that was started again after the crash stands under its own controller."""
+    loop.marker.touch()
+    loop.restart_driver()
+    if not answers:
+        loop.link.vendor = lambda: None  # type: ignore[method-assign]
+    loop.run(1.5)
+    assert loop.startup.state is (StartState.GANTRY if answers else StartState.LISTEN)
+    loop.plant.close()
+    assert not loop.link.sent and loop.marker.exists() is not answers
 
 
 def test_close_damps(standing: HardwareLoop) -> None:

@@ -12,14 +12,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from bridge.driver.drivers import HardwareDrivers
 from bridge.driver.startup import StartState
 from bridge.hardware_loop import Process, Ros2ControlLoop
 from bridge.plants.ros2_control.commands import command_codec
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, Source
 from bridge.plants.ros2_control.plant import Ros2ControlPlant
 from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
-from models.errors import ConfigError, MessageError
+from models.errors import CommandError, ConfigError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, Mode
 from tests.gantry import started
@@ -184,11 +183,23 @@ def test_a_fault_fades_from_the_torque_that_is_in_force(tmp_path: Path) -> None:
     assert steps[10:].max() < 2.0 * steps[:9].max() + 0.5
 
 
+def test_after_a_crash_the_next_driver_damps_when_the_command_controller_is_known_to_be_active(tmp_path: Path) -> None:
+    loop = loop_of(tmp_path)
+    loop.marker.touch()
+    loop.restart_driver()
+    loop.side.deactivate(COMMAND)
+    loop.run(0.5)
+    assert not loop.link.sent and "'whole_body_controller' is inactive" in loop.startup.waits_for
+    loop.side.controllers = dict.fromkeys(loop.side.controllers, "active")
+    loop.run(0.5)
+    assert loop.link.sent and loop.startup.state is StartState.DAMPED
+    with pytest.raises(CommandError, match="start it again"):
+        loop.startup.prepare()
+
+
 def test_close_damps_and_leaves_no_torque(standing: Ros2ControlLoop, tmp_path: Path) -> None:
     marker = tmp_path / "marker"
     assert marker.exists()
-    crashed = Ros2ControlPlant(standing.robot, marker=str(marker), link=DirectControlLink(standing.side))
-    assert crashed.crashed and HardwareDrivers(crashed, standing.robot).state == "damped"
     standing.side.receive(standing.link.sent[-1])
     last = standing.side.drive().tau
     standing.link.sent.clear()
@@ -215,6 +226,7 @@ def plant_of(side: ControlledRobot, folder: Path, laws: str = "g1", **settings: 
 def run(plant: Ros2ControlPlant, side: ControlledRobot, time: float) -> None:
     for _ in range(round(time / plant.period)):
         plant._link.step()  # type: ignore[attr-defined]
+        plant._link.beat(False)  # type: ignore[attr-defined]
         plant.read()
 
 

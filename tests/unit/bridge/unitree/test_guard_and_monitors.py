@@ -77,6 +77,14 @@ def test_the_guard_does_not_damp_after_the_drivers_last_command(g1: RobotModel) 
     assert not guard.armed and guard.step(1.0) is None
 
 
+@pytest.mark.ros
+@pytest.mark.parametrize(("plant", "robot", "reason"), [("booster", "g1", "joints"), ("unitree", "g9", "'g9'")])
+def test_the_guard_process_names_what_it_cannot_start_with(plant: str, robot: str, reason: str) -> None:
+    main = pytest.importorskip("bridge.nodes.damping_guard").main
+    with pytest.raises(SystemExit, match=rf"damping_guard: .*{reason}"):
+        main([plant, robot, "0", "{}"])
+
+
 def test_commands_of_other_programs_are_recognised(g1: RobotModel) -> None:
     rows = JointCommand(*np.ones((5, g1.nj)))
     own, other = (UnitreeCodec(g1, RobotClock(0.002, 1.0), session).encode(rows, 5) for session in (7, 8))

@@ -88,6 +88,7 @@ def test_a_relaxing_robot_fades_from_the_last_command_with_its_gains_to_damping(
         command = bench.tick(v)
         assert command is not None
         torques.append(drive_torque(bench.model, command, bench.q - 0.1, v))
+        assert startup.state is not StartState.RELAX or startup.waits_for.startswith("the robot to sink, ")
     assert len(torques) == pytest.approx(startup.config.relax_time / DT, abs=2)
     first = drive_torque(bench.model, bench.driver, bench.q - 0.1, v)
     np.testing.assert_allclose(torques[0], first, rtol=0.01)
@@ -222,6 +223,40 @@ def test_it_stands_by_load_and_tilt(bench: Bench, load: float, tilt: float, stan
     assert (bench.startup.state is StartState.LOADED) == stands
 
 
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"tilt": 1.5}, r"tilted by 1\.50 rad, 0\.2 rad at most"),
+        ({"tilt": float("nan")}, "tilted by nan rad"),
+        ({"load": 0.9}, "the feet bear 90% of the weight, 30% at most"),
+    ],
+)
+def test_a_robot_that_does_not_hang_upright_is_not_released_and_does_not_move(
+    g1: RobotModel, changed: dict[str, float], reason: str
+) -> None:
+    hanging = {"tilt": 0.0, "load": 0.0}
+    bench = Bench(g1)
+    bench.reach(StartState.GANTRY)
+    bench.inputs |= changed
+    bench.run(2.0)
+    with pytest.raises(CommandError, match=f"confirm_gantry refused: .*{reason}.*; hang the robot upright"):
+        bench.startup.confirm_gantry()
+    assert bench.startup.state is StartState.GANTRY
+    bench.inputs |= hanging
+    bench.run(2.0)
+    bench.reach(StartState.PREPARE)
+    bench.inputs |= changed
+    bench.run(2.0)
+    assert bench.startup.state is StartState.DAMPED
+    with pytest.raises(CommandError, match=f"prepare refused: .*{reason}.*; hang the robot upright"):
+        bench.startup.prepare()
+    bench.inputs |= hanging
+    bench.run(2.0)
+    bench.startup.prepare()
+    bench.run(5.0)
+    assert bench.startup.state is StartState.HANGING
+
+
 def test_a_robot_that_is_lifted_again_does_not_stand(bench: Bench) -> None:
     bench.reach(StartState.LOADED)
     bench.inputs["load"] = 0.1
@@ -269,6 +304,7 @@ def test_damped_robots_start_again_from_the_gantry(bench: Bench) -> None:
     bench.startup.damp("test")
     bench.run(1.0)
     bench.inputs |= {"load": 0.0, "driven": False}
+    bench.run(1.0)
     bench.startup.prepare()
     bench.run(5.0)
     assert bench.startup.state is StartState.HANGING
@@ -288,22 +324,53 @@ def test_after_a_crash_only_damping_is_possible(g1: RobotModel) -> None:
             act()
 
 
-def test_the_torque_that_a_killed_driver_left_fades_from_the_first_sample_on(g1: RobotModel) -> None:
+@pytest.mark.parametrize(
+    "unknown",
+    [{"vendor": None, "doubts": ("the motion switcher of the robot does not answer",)},
+     {"vendor": "", "doubts": ("mode_machine 4 is another robot",)}],
+)  # fmt: skip
+def test_after_a_crash_nothing_is_commanded_before_robot_and_controller_are_known(
+    g1: RobotModel, unknown: dict[str, object]
+) -> None:
+    bench = Bench(g1, crashed=True)
+    bench.inputs |= unknown
+    for _ in range(4000):
+        assert bench.tick() is None
+        if bench.t < 4.0:
+            assert "start/damp" not in bench.startup.waits_for
+    assert str(unknown["doubts"][0]) in bench.startup.waits_for  # type: ignore[index]
+    assert "hold it by its rope, then switch it off, or call start/damp" in bench.startup.waits_for
+    bench.startup.damp("start/damp was called")  # the operator sees the robot
+    assert bench.tick() is not None and bench.startup.state is StartState.DAMPED
+
+
+def test_after_a_crash_a_robot_under_its_own_controller_is_left_alone(g1: RobotModel) -> None:
+    bench = Bench(g1, crashed=True)
+    for _ in range(600):
+        assert bench.tick() is None
+    assert bench.startup.state is StartState.GANTRY and "'ai' is active after a crash" in bench.startup.waits_for
+    with pytest.raises(CommandError, match="damp refused: nothing is commanded yet"):
+        bench.startup.damp("test")
+    bench.reach(StartState.HANGING)
+
+
+def test_the_torque_that_a_killed_driver_left_fades_from_the_first_command_on(g1: RobotModel) -> None:
     startup, three, zero = Startup(g1, crashed=True), np.zeros(3), np.zeros(g1.nj)
 
-    def torque(t: float, tau: float, stale: float) -> float:
+    def torque(t: float, tau: float, stale: float) -> float | None:
         sensors = SensorData(t, zero, zero, np.full(g1.nj, tau), three, three, np.full((2, 6), np.nan))
-        startup.update(StartInputs(sensors, stale=stale))
+        startup.update(StartInputs(sensors, vendor="", stale=stale))
         command = startup.command(sensors, JointCommand.torque(zero))
-        assert command is not None
-        return float(command.tau[0])
+        return None if command is None else float(command.tau[0])
 
     for stale in (0.1, 0.5):
-        torque(0.0, np.nan, stale)  # before the first sample
-    ramp = 0.15
-    assert torque(DT, 5.0, 0.0) == pytest.approx(5.0 * (1.0 - DT / ramp))
-    assert torque(DT, 5.0, 0.1) == pytest.approx(5.0 * (1.0 - (DT + 0.1) / ramp))  # without samples
-    assert torque(DT, 5.0, 0.2) == 0.0
+        assert torque(0.0, np.nan, stale) is None  # before the first sample
+    t, ramp = DT, 0.15
+    while (first := torque(t, 5.0, 0.0)) is None:
+        t += DT
+    assert first == 5.0 and t == pytest.approx(startup.config.quiet_time, abs=2 * DT)
+    assert torque(t, 5.0, 0.1) == pytest.approx(5.0 * (1.0 - 0.1 / ramp))  # without samples
+    assert torque(t, 5.0, 0.2) == 0.0
 
 
 def test_the_torques_of_the_load_hold_the_weight(g1: RobotModel) -> None:
