@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks.graph import rehearsal
-from benchmarks.graph.rehearsal import ACTS, HELP, act
+from benchmarks import rehearsal
+from benchmarks.rehearsal import ACTS, HELP, act
 
 
 class Robot:
