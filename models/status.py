@@ -111,6 +111,7 @@ class StartStatus(Status, frozen=True):
     waits_for: str = ""  # what ends it; empty for nothing
     warnings: tuple[str, ...] = ()  # of the monitors, without an effect
     holds: tuple[str, ...] = ()  # of the monitors: no motion and no walk may begin
+    values: tuple[str, ...] = ()  # newest ones of the monitors, with name and unit
     remote: str = ""  # when the remote controller has given its last sign; empty without one
 
 

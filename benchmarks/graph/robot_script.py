@@ -28,7 +28,7 @@ from models.nodes.realtime import use_fifo
 
 OPERATOR = 20  #: SCHED_FIFO of this process, which publishes velocities, below the graph; where permitted
 GRAPH_DOMAIN = 7  #: ROS domain of the graph in its own network; the SDK's robot is in domain 0
-STOPPED_TYPE = 4  #: mode_machine of another robot, which damps at once, as a button: the SDK's robot has no remote
+STOPPED_TYPE = 4  #: mode_machine of another robot damps at once, as a button does: the SDK's LowState has no buttons
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -65,7 +65,7 @@ class Measured:
 
     phase: str = "start"
     failure: str = ""
-    drift: list[float] | None = None  # of the standing robot, each axis [m]
+    drift: list[float] | None = None  # of the standing robot from begin to end, each axis [m]
     stood: float = 0.0  # time of that [s]
     pushes: list[bool] = field(default_factory=list)  # whether it stands after each
     walked: list[float] | None = None  # displacement by the walk: along the heading at its beginning, to the left [m]

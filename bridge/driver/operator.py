@@ -1,5 +1,6 @@
 """Start of a real robot for people: services, status record, and diagnostics."""
 
+import time
 from collections.abc import Callable
 from math import isfinite
 from typing import Any
@@ -14,6 +15,8 @@ from models.nodes.base import PoiseNode
 from models.nodes.qos import LATCHED
 from models.status import StartStatus
 
+VALUES_PERIOD = 1.0  #: Between two updates of the monitors' values in the status [s]
+
 
 class StartServices:
     """Services ``start/confirm_gantry``, ``start/prepare``, ``start/lower``, ``start/relax`` and ``start/damp``.
@@ -27,6 +30,8 @@ class StartServices:
         self._publish = node.announce_status(topics.START_STATUS, LATCHED)
         self._published: StartStatus | None = None
         self._state = ""
+        self._values: tuple[str, ...] = ()
+        self._values_due = 0.0
         startup = drivers.startup
         acts = (
             startup.confirm_gantry,
@@ -55,9 +60,11 @@ class StartServices:
     def publish(self) -> None:
         """Publish the status if it has changed; log each change of the state."""
         startup, plant = self._drivers.startup, self._drivers.plant
-        status = StartStatus(
-            str(startup.state), startup.waits_for, plant.warnings, plant.holds, _last_sign(plant.remote_age)
-        )
+        if (now := time.monotonic()) >= self._values_due:
+            self._values_due = now + VALUES_PERIOD
+            self._values = tuple(f"{name}: {value}" for name, value in plant.monitored.items())
+        remote = _last_sign(plant.remote_age)
+        status = StartStatus(str(startup.state), startup.waits_for, plant.warnings, plant.holds, self._values, remote)
         if status == self._published:
             return
         if status.state != self._state:

@@ -106,6 +106,11 @@ class HardwarePlant(Plant, Protocol):
         """Further entries of the diagnostics."""
 
     @property
+    def monitored(self) -> Mapping[str, str]:
+        """Newest values of the monitors; empty without monitors, or before the first state."""
+        return {}
+
+    @property
     def remote_age(self) -> float | None:
         """Time since the last sign of the remote controller [s], infinite before the first; None without one."""
         return None

@@ -206,11 +206,15 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         return (*self.monitor.holds, *super().holds)
 
     @property
+    def monitored(self) -> Mapping[str, str]:
+        return self.monitor.values
+
+    @property
     def report(self) -> Mapping[str, str]:
         """Values of the monitors and counts of states."""
         vendor = self.vendor
         return {
-            **self.monitor.values,
+            **self.monitored,
             **self.guard.values,
             "state rate [Hz]": f"{self.counter.rate:.0f}",
             "states refused": str(self.refused),

@@ -245,6 +245,7 @@ def start_lines(start: StartStatus) -> dict[str, str]:
     return {
         "start": start.state,
         "monitors": "; ".join((*start.holds, *start.warnings)) or "no warnings",
+        **({"values": "; ".join(start.values)} if start.values else {}),
         **({"remote controller": start.remote} if start.remote else {}),
     }
 
@@ -258,6 +259,8 @@ def next_step(status: SupervisorStatus, start: StartStatus | None = None) -> str
         return GET_UP
     if status.faults:
         return "poise mode reset_faults" + ("" if moving else "; poise mode stand")
+    if start is not None and start.holds:
+        return f"no motion and no walk before this is over: {'; '.join(start.holds)}"
     if status.mode is Mode.STAND:
         return "poise send wave; poise walk 0.3 0 0; poise teleop"
     if moving:

@@ -34,7 +34,7 @@ from models.nodes.messages import JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.status import GaitStatus, MotionState, MotionStatus, SupervisorStatus
+from models.status import GaitStatus, MotionState, MotionStatus, StartStatus, SupervisorStatus
 from models.types import Mode
 from tests.ros.conftest import StatusTopic
 from tests.support import standing
@@ -137,6 +137,7 @@ def test_the_overview_names_the_next_step(supervisor: FakeSupervisor) -> None:
         ({"mode": Mode.OFF}, "poise mode stand"),
     ):
         assert word in next_step(replace(record, **changes))
+    assert "no walk before this is over: 91 degC" in next_step(record, StartStatus("stand", holds=("91 degC",)))
 
 
 def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:

@@ -147,7 +147,8 @@ def test_the_start_and_the_monitors_of_a_real_robot(client: Client, bench: Bench
     start = StatusTopic(world, topics.START_STATUS, LATCHED)
     supervisor = StatusTopic(world, topics.SUPERVISOR_STATUS, LATCHED)
     diagnostics = world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
-    status = StartStatus("hanging", "the operator: call start/lower", warnings=("44 V",), holds=("91 degC",))
+    values = ("hottest motor [degC]: 91 (left_knee_joint)", "lowest voltage [V]: 44.0")
+    status = StartStatus("hanging", "the operator: call start/lower", ("44 V",), ("91 degC",), values)
 
     def publish() -> None:
         start.publish(status)
@@ -155,7 +156,8 @@ def test_the_start_and_the_monitors_of_a_real_robot(client: Client, bench: Bench
         diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name="/robot_driver")]))
 
     until(client, bench, lambda: listener.words().next == "the operator: call start/lower", publish)
-    assert listener.words().start == (("start", "hanging"), ("monitors", "91 degC; 44 V"))
+    shown = (("start", "hanging"), ("monitors", "91 degC; 44 V"), ("values", "; ".join(values)))
+    assert listener.words().start == shown
     listener.close()
 
 

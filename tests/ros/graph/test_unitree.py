@@ -56,7 +56,7 @@ def test_unitrees_sdk_behind_a_cable(tmp_path: Path) -> None:
     assert case["survived"], case["reason"]
     assert case["drift"] < given.drift_max and result["stood"] >= stand
     assert case["pushes"] == 4 and case["walked"] > given.distance * walk / script["walk_time"]
-    assert case["odometry"] * case["walked"] < 0.05 + given.odometry_max * case["walked"]
+    assert case["odometry"] * case["walked"] < given.odometry_max * given.distance  # also of a shorter walk
     assert "mode_machine changed to 4" in result["stopped"]
     assert result["kp"] == 0.0 and result["kd"] > 0.0 and case["stop"] <= given.stop_max  # the robot's time
     assert 0.0 < case["answer_ms"]["p50"] <= case["answer_ms"]["p99"] <= case["answer_ms"]["max"]
@@ -125,8 +125,9 @@ def test_the_end_lowers_the_robot_if_asked(tmp_path: Path) -> None:
 
 @slow
 def test_the_remote_controller_and_the_end(session: HardwareSession) -> None:
-    session.robot("press", 9)
+    session.robot("stop", "press", 9)
     session.graph.wait_for(lambda: damped(session), 20.0, "damping")
+    assert session.robot("report")["stop_ms"] <= 10  # of the robot's time
     session.wait_for(lambda: "button B" in session.waits_for, "reported")
     session.graph.stop()
     assert damped(session)
