@@ -139,3 +139,12 @@ def test_release_gate_opens_on_load_and_time(g1: RobotModel) -> None:
         if opens:
             assert opened.index(True) * DT >= CONFIG.settle_time - 2 * DT
             assert gate.load == pytest.approx(share * gate.weight)
+
+
+def test_release_gate_accepts_more_excess_the_longer_it_waits(g1: RobotModel) -> None:
+    for share, after in ((1.15, 3.0 * CONFIG.settle_time), (0.85, None)):
+        gate = ReleaseGate(g1, CONFIG)
+        opened = [gate.update(share * gate.weight, DT) for _ in range(round(CONFIG.settle_limit / DT))]
+        assert any(opened) is (after is not None)
+        if after is not None:
+            assert opened.index(True) * DT == pytest.approx(after, abs=CONFIG.load_window + DT)
