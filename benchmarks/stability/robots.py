@@ -5,14 +5,12 @@ Files of other robots are refused, and counted.
 """
 
 import math
-import re
 import site
 import tempfile
 import time
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic.dataclasses import dataclass as schema
@@ -21,6 +19,7 @@ from benchmarks.core.benchmark import Benchmark, settings
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.loops import advance, demand, start_walk
 from benchmarks.stability.humanoids import KINDS
+from benchmarks.stability.robots_page import TRIALS, rows, write_page
 from bridge.check_robot import Trial, Verdict, check_robot
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Fraction, Positive
@@ -32,10 +31,7 @@ from planners.gait.strength import STANDSTILL
 from planners.whole_body_ik import arms
 
 GENERATED = "generated: "  #: Begin of the name of a generated robot
-TABLE = "robots_table.md"  #: File that the table goes into
 _PARTS = 3  #: Last parts of a path that name a file: package, folder, file
-_TRIALS = ("stand", "squat", "wave", "walk", "push")
-_HEAD = ("robot", "mass", "legs", *_TRIALS, "verdict after", "what limits it")
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -110,12 +106,12 @@ def run_trial(robot: str, trial: str, seed: int) -> Case:
     """One long run: whether it ``passed``, and how it ended in words."""
     with tempfile.TemporaryDirectory() as folder:
         try:
-            return {"passed": True, "reason": _RUNS[trial](_loop(robot, Path(folder), seed), seed)}
+            return {"passed": True, "reason": _RUNS[trial](walking_loop(robot, Path(folder), seed), seed)}
         except PoiseError as error:
             return {"passed": False, "reason": str(error)}
 
 
-def _loop(robot: str, folder: Path, seed: int) -> ClosedLoop:
+def walking_loop(robot: str, folder: Path, seed: int = 0) -> ClosedLoop:
     """A packaged robot, or one with the profile that is proposed for its file."""
     if robot in robot_names():
         return ClosedLoop(robot, seed=seed, record=False)
@@ -222,7 +218,7 @@ class Robots(Benchmark):
             figures = {"robots": len(shares), "runs": len(cases), "passed": sum(case["passed"] for case in cases)}
             return figures | {"passed_share_min": min(float(np.mean(each)) for each in shares.values())}
         tried = [case for case in cases if "trials" in case]
-        done = {name: sum(case["trials"].get(name, [False])[0] for case in tried) for name in _TRIALS}
+        done = {name: sum(case["trials"].get(name, [False])[0] for case in tried) for name in TRIALS}
         share, slowest = done["walk"] / max(len(tried), 1), max((case["time"] for case in tried), default=0.0)
         return {"files": len(cases), "robots": len(tried), **done, "walk_share": share, "time_max_s": slowest}
 
@@ -236,76 +232,9 @@ class Robots(Benchmark):
         return [*super().notes(report), *failed] if self._long else rows(report.cases)
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Write the table of the robots, or of the runs, as Markdown."""
-        file = folder / (TABLE.replace("table", "trials") if self._long else TABLE)
-        lines = trial_rows(report.cases) if self._long else rows(report.cases)
-        file.write_text(_TEXT[self.name] + "\n".join(lines) + "\n", encoding="utf-8")
-        return [file]
+        """Write the table of the robots with a picture of those that walk, or the table of the runs, as Markdown."""
+        return write_page(report.cases, folder, long=self._long)
 
     def survived(self, case: Case) -> tuple[str, bool] | None:
         """By robot, in the long runs."""
         return (case["robot"], case["passed"]) if self._long else None
-
-
-_TEXT = {
-    "robots": """\
-# Robots from their files alone
-
-What `poise check-robot` finds ([robots.md](robots.md)), written by `poise bench robots --plot docs`: every URDF and
-MJCF file of the installed packages that has two legs to stand on, and the generated robots of
-`benchmarks/stability/humanoids.py`. One seed.
-
-""",
-    "robots_trials": """\
-# Long runs
-
-Runs that ended as they should, of those with every seed, written by `poise bench robots --mode trials --plot docs` with
-`--first-seed` and a `--scenario` for each robot.
-
-""",
-}
-
-
-def rows(cases: list[Case]) -> list[str]:
-    """The table in Markdown, and below it the files without two legs to stand on."""
-    tried, lines = [case for case in cases if "trials" in case], _table(_HEAD)
-    for case in tried:
-        trials: dict[str, Any] = case["trials"]
-        words = [_word(trials[each]) if each in trials else "-" for each in _TRIALS]
-        if not case["arms"]:
-            words[_TRIALS.index("wave")] = "no arm"
-        name = f"`{case['robot']}`" if "/" in case["robot"] else case["robot"]
-        limits = "; ".join(case["limits"]).replace("|", "/")
-        cells = name, f"{case['mass']:.0f} kg", f"{case['legs']} joints", *words, f"{case['time']:.0f} s", limits
-        lines.append(f"| {' | '.join(cells)} |")
-    refused: dict[str, list[str]] = {}  # by the reason, whatever the names in it
-    for case in (case for case in cases if "refused" in case):
-        refused.setdefault(re.sub(r"'[^']*'", "...", case["refused"]), []).append(f"`{case['robot']}`")
-    names = [f"- {reason}: {', '.join(names)}" for reason, names in refused.items()]
-    return [*lines, "", "Refused:", "", *names] if names else lines
-
-
-def trial_rows(cases: list[Case]) -> list[str]:
-    """The table of the long runs in Markdown."""
-    names, lines = list(_RUNS), _table(("robot", *_RUNS, "all", "what ended the others"))
-    for robot in dict.fromkeys(case["robot"] for case in cases):
-        own = [case for case in cases if case["robot"] == robot]
-        cells = [_share([case for case in own if case["trial"] == name]) for name in names]
-        failed = [f"{case['trial']}, seed {case['seed']}: {case['reason']}" for case in own if not case["passed"]]
-        lines.append(f"| {' | '.join((robot, *cells, _share(own), '; '.join(failed)))} |")
-    return lines
-
-
-def _share(cases: list[Case]) -> str:
-    return f"{sum(case['passed'] for case in cases)} of {len(cases)}"
-
-
-def _table(head: tuple[str, ...]) -> list[str]:
-    return [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
-
-
-def _word(trial: list[Any]) -> str:
-    """A trial in a cell: its first figure, or that it failed."""
-    passed, detail = trial
-    figure = detail.partition(", ")[0]
-    return figure.partition(": ")[2] or figure if passed else "no"

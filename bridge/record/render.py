@@ -4,6 +4,8 @@ Run as ``python -m bridge.record.render [--profile PROFILE] RECORDING... PICTURE
 libraries end the process that loads them. A picture named ``.gif`` is an animation.
 """
 
+from __future__ import annotations
+
 import argparse
 import ctypes.util
 import os
@@ -11,11 +13,16 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bridge.record.recording import Recording
 from models.errors import PoiseError
+
+if TYPE_CHECKING:
+    from models.robot_model import RobotModel
+    from models.types import Vector
 
 FRAMES, ROWS = 12, 2  #: Pictures in a film strip, and rows of it [-]
 FRAME_SIZE = (300, 480)  #: Width and height of one picture [pixel]
@@ -23,18 +30,26 @@ GIF_SIZE, GIF_RATE, GIF_SPEED = (160, 230), 6, 4.5  #: Of an animation: size [pi
 GIF_COLORS = 32  #: Of its palette [-]
 DONE = "done"  #: Last word of the events that end a part of the run
 INPUT_ERROR = 3  #: Exit status for an unusable recording or profile
+DARKEST = 0.2  #: Of each colour of a portrait: black robots would have no edges [-]
+PELVIS = 0.55  #: Height of the pelvis over that of the whole body [-]
 GL_PACKAGES = "Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
 GL_ADVICE = f"no pictures: EGL was not found; {GL_PACKAGES}"
 
 
 def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, timeout: float = 120.0) -> str:
     """Draw a film strip of a file of ``Recording.save`` in another process; returns the error, or an empty text."""
+    return run_renderer(
+        "bridge.record.render", ["--profile", robot, str(recording_file), str(picture)], picture, timeout
+    )
+
+
+def run_renderer(module: str, arguments: Sequence[str], picture: Path, timeout: float) -> str:
+    """Run a module that draws ``picture``, for at most ``timeout`` [s]; returns the error, or an empty text."""
     if ctypes.util.find_library("EGL") is None:
         return GL_ADVICE
-    command = [sys.executable, "-m", "bridge.record.render", "--profile", robot, str(recording_file), str(picture)]
     try:
         result = subprocess.run(
-            command,
+            [sys.executable, "-m", module, *arguments],
             env=os.environ | {"MUJOCO_GL": "egl"},
             capture_output=True,
             text=True,
@@ -104,13 +119,10 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> N
     width, height = GIF_SIZE if animated else FRAME_SIZE
     t = recording.t
     times = list(np.arange(t[0], t[-1], GIF_SPEED / GIF_RATE)) if animated else frame_times(recording)
-    model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-    camera = mujoco.MjvCamera()
-    tall = max(float(each.q[0, 2]) for each in recordings) / 0.55  # the pelvis is a little above half a body's height
+    tall = max(float(each.q[0, 2]) for each in recordings) / PELVIS
     places = np.array([each.q[:, :2] for each in recordings])  # (robots, n, 2)
     spread = float(np.linalg.norm(np.ptp(places, axis=0), axis=1).max())
-    camera.distance, camera.azimuth, camera.elevation = 1.45 * (tall + spread), 150.0, -12.0
-    model.vis.map.shadowclip, model.vis.quality.shadowsize = 2.0, 4096  # a narrow, fine map: no speckles
+    camera = _camera(model, (width, height), tall + spread)
     font = ImageFont.load_default(size=10 if animated else 18)
     frames = []
     with mujoco.Renderer(model, height, width) as renderer:
@@ -138,6 +150,40 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> N
         row, column = divmod(number, FRAMES // ROWS)
         strip.paste(frame, (column * width, row * height))
     strip.save(picture)
+
+
+def portrait(robot: RobotModel, q: Vector, size: tuple[int, int], label: str) -> Any:
+    """Picture (PIL) of a robot with a label; ``size`` is width and height [pixel]. Needs ``MUJOCO_GL`` as ``draw``."""
+    import mujoco
+    from PIL import Image, ImageDraw, ImageFont
+
+    from models.mujoco_model import build_mujoco, pin_to_mujoco
+
+    world = build_mujoco(robot, visuals=True)
+    data = mujoco.MjData(world.model)
+    data.qpos[world.qpos], data.qvel[world.qvel] = pin_to_mujoco(robot, world, q, np.zeros(robot.nv))
+    mujoco.mj_forward(world.model, data)
+    colors = world.model.geom_rgba[:, :3]
+    np.maximum(colors, DARKEST, out=colors)
+    tall = float(q[2]) / PELVIS
+    camera = _camera(world.model, size, tall)
+    camera.lookat[:] = *q[:2], 0.5 * tall
+    with mujoco.Renderer(world.model, size[1], size[0]) as renderer:
+        renderer.update_scene(data, camera)
+        picture = Image.fromarray(renderer.render())
+    ImageDraw.Draw(picture).text((6, 4), label, fill=(30, 40, 60), font=ImageFont.load_default(size=12))
+    return picture
+
+
+def _camera(model: Any, size: tuple[int, int], extent: float) -> Any:
+    """View of a scene with an extent [m]; ``size`` of the picture, width and height [pixel]."""
+    import mujoco
+
+    model.vis.global_.offwidth, model.vis.global_.offheight = size
+    model.vis.map.shadowclip, model.vis.quality.shadowsize = 2.0, 4096  # a narrow, fine map: no speckles
+    camera = mujoco.MjvCamera()
+    camera.distance, camera.azimuth, camera.elevation = 1.45 * extent, 150.0, -12.0
+    return camera
 
 
 def main(arguments: list[str]) -> int:

@@ -6,7 +6,9 @@ import pytest
 
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Options, Report
-from benchmarks.stability.robots import GENERATED, Robots, check, robot_files, rows, run_trial, trial_rows, write_robot
+from benchmarks.stability import robots_page
+from benchmarks.stability.robots import GENERATED, Robots, check, robot_files, run_trial, write_robot
+from benchmarks.stability.robots_page import PICTURE, TABLE, rows, trial_rows, write_page
 from models.errors import ConfigError
 from models.urdf import data_folder
 
@@ -61,6 +63,27 @@ def test_the_table_has_a_row_a_robot_and_the_refused_files() -> None:
         "walk: fallen",
     ]
     assert lines[-1] == "- no feet: joint ...: `bolt`, `nut`"
+
+
+def test_the_picture_has_the_robots_that_walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = f"{GENERATED}four-joint legs"
+
+    def case(name: str, walks: bool) -> dict[str, object]:
+        trials = {"walk": [walks, "0.7 m"]}
+        return {"robot": name, "mass": 40.0, "legs": 4, "arms": 2, "time": 9.0, "limits": [], "trials": trials}
+
+    asked: list[str] = []
+
+    def run(module: str, arguments: list[str], picture: Path, timeout: float) -> str:
+        asked.extend(arguments)
+        return "" if kind in arguments else "no pictures: EGL was not found"
+
+    monkeypatch.setattr(robots_page, "run_renderer", run)
+    files = write_page([case(kind, True), case("a/b/c.urdf", False)], tmp_path, long=False)
+    assert files == [tmp_path / TABLE, tmp_path / PICTURE]
+    assert asked == [str(tmp_path / PICTURE), kind]
+    with pytest.warns(UserWarning, match="EGL was not found"):
+        assert write_page([case("d.urdf", True)], tmp_path, long=False) == [tmp_path / TABLE]
 
 
 def test_one_failed_run_of_twenty_five_is_allowed(tmp_path: Path) -> None:

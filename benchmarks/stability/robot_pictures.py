@@ -1,0 +1,58 @@
+"""A picture of robots that walk, one in each field, drawn by MuJoCo without a display.
+
+Run as ``python -m benchmarks.stability.robot_pictures PICTURE ROBOT...`` in a separate process, with names of robots as
+in ``benchmarks/stability/robots.py``: broken OpenGL libraries end the process that loads them.
+"""
+
+import math
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from benchmarks.core.loops import advance, start_walk
+from benchmarks.stability.robots import GENERATED, walking_loop
+from bridge.record.render import portrait
+from planners.gait.state import GaitPhase
+
+COLUMNS = 7  #: Robots side by side [-]
+SIZE = (190, 270)  #: Width and height of one field [pixel]
+SPEED = 0.25  #: Over that at which the gait is fast [-]
+WALK = 3.0  #: Time for which a robot walks before it is drawn [s]
+PART = 0.6  #: Of its step in which it is drawn [-]
+PERIOD = 0.01  #: Between two looks at the step [s]
+
+
+def walking_robot(name: str, size: tuple[int, int] = SIZE) -> Any:
+    """A picture (PIL) of a robot that walks ahead, in the middle of a step; ``PoiseError`` when it falls."""
+    with tempfile.TemporaryDirectory() as folder:
+        loop = walking_loop(name, Path(folder))
+        start_walk(loop, min(SPEED * loop.gait.config.pace.forward, loop.gait.config.velocity.forward), 0.0, 0.0)
+        advance(loop, WALK)
+        gait = loop.gait.state
+        while not (gait.phase is GaitPhase.SINGLE and gait.elapsed > PART * gait.step.time):
+            advance(loop, PERIOD)
+            gait = loop.gait.state
+        return portrait(loop.robot, loop.truth.q, size, label(name))
+
+
+def label(name: str) -> str:
+    """The file without its folders, or the kind of a generated robot."""
+    return name.removeprefix(GENERATED) if name.startswith(GENERATED) else Path(name).stem
+
+
+def sheet(names: list[str], picture: Path) -> None:
+    """Draw every robot of a list into one picture."""
+    from PIL import Image
+
+    columns = min(COLUMNS, len(names))
+    width, height = SIZE
+    made = Image.new("RGB", (columns * width, math.ceil(len(names) / columns) * height), (255, 255, 255))
+    for number, name in enumerate(names):
+        row, column = divmod(number, columns)
+        made.paste(walking_robot(name), (column * width, row * height))
+    made.save(picture)
+
+
+if __name__ == "__main__":
+    sheet(sys.argv[2:], Path(sys.argv[1]))
