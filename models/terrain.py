@@ -36,6 +36,8 @@ class Terrain:
     kind: Literal["flat", "tiles", "slope", "stairs"]  # slope: a plane; stairs: level treads
     height: float = 0.0  # tiles: uniformly random from 0 to this; stairs: rise of each, down if negative [m]
     size: Positive = 0.4  # edge of a tile, or depth of a tread [m]
+    count: Annotated[int, Field(ge=1)] | None = None  # stairs: rises up to a landing; None: to the end of the ground
+    landing: Positive = 1.0  # depth of that landing, behind which as many rises lead back to the level [m]
     pitch: Angle = 0.0  # slope along x, up positive [rad]
     roll: Angle = 0.0  # slope across, along y, up positive; reached gradually over ``ease`` [rad]
     ease: Positive = 0.8  # length over which a slope across turns from level to ``roll``, in strips [m]
@@ -158,10 +160,17 @@ def _tiles(terrain: Terrain) -> list[Block]:
 
 
 def _stairs(terrain: Terrain) -> list[Block]:
-    half, count = 0.5 * terrain.size, math.ceil((terrain.length - terrain.patch) / terrain.size)
+    size, reach = terrain.size, terrain.length - terrain.patch
+    if terrain.count is None:
+        levels = [(i + 1, size) for i in range(math.ceil(reach / size))]
+    else:
+        up = [(i, size) for i in range(1, terrain.count)]
+        levels = [*up, (terrain.count, terrain.landing), *reversed(up)]
+        levels.append((0, max(reach - sum(depth for _, depth in levels), size)))
+    edges = np.cumsum([terrain.patch, *(depth for _, depth in levels)])
     return [
-        Block((terrain.patch + (2 * i + 1) * half, 0.0, (i + 1) * terrain.height), (half, terrain.width))
-        for i in range(count)
+        Block((float(edge) + 0.5 * depth, 0.0, level * terrain.height), (0.5 * depth, terrain.width))
+        for edge, (level, depth) in zip(edges[:-1], levels, strict=True)
     ]
 
 

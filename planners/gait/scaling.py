@@ -67,7 +67,7 @@ def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitCon
         ),
         timing=_times(config.timing, time, "single_min", "single_urgent", "single_max", "start", "finish"),
         reach=replace(
-            _times(reach, length, "forward", "backward"),
+            _times(reach, length, "forward", "backward", "rise"),
             cross_ahead=reach.cross_ahead + foot[0] - config.foot[0],
             width_min=reach.width_min + foot[1] - config.foot[1],
         ),
