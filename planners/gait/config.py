@@ -112,6 +112,7 @@ class SwingConfig:
     urgent_lead: NonNegative  #: By how much earlier an urgent step aims to touch down [s]
     freeze: Positive  #: Time before touchdown at which the target is frozen [s]
     edge: Positive  #: Least distance of the sole on a known foothold from an edge on its way there [m]
+    edge_clearance: Positive  #: Height of the sole over such an edge: on its way up the toe hangs [m]
     lift_acceleration: Positive  #: Largest vertical acceleration of a nominal swing to a known height [m/s^2]
     rise_step: NonNegative  #: Largest change between landings of the expected landing height [m]
     rise_max: NonNegative  #: Largest expected height over the stance sole's plane [m]

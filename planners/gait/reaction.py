@@ -39,7 +39,7 @@ from planners.gait.footing import SoleEdges, turn_at_lift_off, turned_about
 from planners.gait.footsteps import Point
 from planners.gait.pace import Pace
 from planners.gait.swing import YAW, SwingMotion, SwingShape, Z, end_acceleration
-from planners.gait.tread import swing_shares
+from planners.gait.tread import clearance_over, swing_shares
 
 Body = tuple[Vector, Vector]  #: CoM [m] and its velocity [m/s] in W, each (3,)
 
@@ -131,7 +131,8 @@ def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg,
     c, s, turned = math.cos(yaw), math.sin(yaw), np.empty((3, 2))
     foot = np.zeros(16)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
-    shares = swing_shares(rise, pace.clearance, math.hypot(way[0], way[1]), shape.apex, shape.edge)
+    clearance = clearance_over(rise, pace.clearance, shape.edge_clearance)
+    shares = swing_shares(rise, clearance, math.hypot(way[0], way[1]), shape.apex, shape.edge)
     apex, waits = shares[0] * pace.single, (shares[1] * pace.single, shares[2] * pace.single)
     for i in range(2):
         foot[14 + i] = end_acceleration(foot[9 + i], pace.single - waits[0] - waits[1], pace.least_effort)
@@ -141,7 +142,7 @@ def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg,
     for i in range(3):
         foot[6 + i] = turned[i, 1]
     foot[1], foot[2] = turned[1, 0], foot[2] + turned[2, 0]
-    foot[11], foot[12], foot[13] = max(rise, 0.0) + pace.clearance, rise, -shape.landing_velocity
+    foot[11], foot[12], foot[13] = max(rise, 0.0) + clearance, rise, -shape.landing_velocity
     drift = 0.5 * foot[9] / (pace.single + pace.double)
     ahead = 0.5 * (drift * pace.single - foot[9])  # as far behind at lift-off as ahead at touchdown
     foot[9], ahead = foot[9] - turned[0, 0], ahead + turned[0, 0]

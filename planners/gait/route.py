@@ -23,7 +23,7 @@ from planners.gait.footsteps import (
     side_of,
     wrap,
 )
-from planners.gait.tread import Tread, crouch_between, swing_time
+from planners.gait.tread import Tread, clearance_over, crouch_between, swing_time
 
 SLACK = 1e-6  #: Tolerance of the limits for rounding [m, rad]
 
@@ -297,7 +297,8 @@ def route_over(steps: Sequence[Footstep], soles: Sequence[Foothold], datum: floa
             feet[step.foot] = step.hold
         else:
             feet[step.foot] = structs.replace(step.hold, z=feet[1 - step.foot].z)
-    pace, swing = config.pace, config.swing
-    least = swing_time(lift, pace.between(config.route.pace, "clearance"), swing.apex, swing.lift_acceleration)
+    swing = config.swing
+    clearance = clearance_over(lift, config.pace.between(config.route.pace, "clearance"), swing.edge_clearance)
+    least = swing_time(lift, clearance, swing.apex, swing.lift_acceleration)
     levelled = [replace(step, hold=structs.replace(step.hold, z=step.hold.z - datum)) for step in steps]
     return structs.replace(route_of(levelled), crouch=crouch, swing=least)

@@ -16,7 +16,7 @@ from models.types import Matrix, Vector
 from planners.gait.config import SwingConfig
 from planners.gait.footing import FLAT, ToeOff, turned_about
 from planners.gait.footsteps import Point
-from planners.gait.tread import SwingShares, swing_shares
+from planners.gait.tread import SwingShares, clearance_over, swing_shares
 
 X, Y, Z, YAW = range(4)
 _SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  #: Times at which a foot may pass a corner, of those that are left [-]
@@ -45,6 +45,7 @@ class SwingShape(NamedTuple):
     landing_velocity: float
     freeze: float
     edge: float
+    edge_clearance: float
 
 
 #: The swing under way, for its reaction: motion of the foot, see ``SwingState`` (3, 4), heights of apex and landing [m],
@@ -156,7 +157,7 @@ class SwingFoot:
     """
 
     def __init__(self, config: SwingConfig) -> None:
-        self.shape = SwingShape(config.apex, config.landing_velocity, config.freeze, config.edge)
+        self.shape = SwingShape(**{name: getattr(config, name) for name in SwingShape._fields})
         others = (getattr(config, name) for name in SwingLimits._fields[1:])
         self._limits = unbox(SwingLimits(self.shape, *others))
 
@@ -188,6 +189,7 @@ class SwingFoot:
             motion[:, Z] += turned[:, 1]
             tilt = tilt - math.tan(toe_off.angle) * np.array([c, s])
         way = 0.0 if target is None else math.dist(start, target)
+        clearance = clearance_over(rise, clearance, self.shape.edge_clearance)
         shares = SwingShares(*swing_shares(rise, clearance, way, self.shape.apex, self.shape.edge))
         braking = (0.0, 0.0) if target is None else _braking(start, target, shares.moving * duration, effort)
         if shares.wait == 0.0:

@@ -88,6 +88,12 @@ class SwingShares(NamedTuple):
 
 
 @register_jitable
+def clearance_over(rise: float, level: float, edge: float) -> float:
+    """Height of the sole over the higher foothold of a swing with a known ``rise``: as on the ``level``, or an edge's [m]."""
+    return level if rise == 0.0 else max(level, edge)
+
+
+@register_jitable
 def swing_shares(rise: float, clearance: float, way: float, apex: float, edge: float) -> tuple[float, float, float]:
     """``SwingShares`` of a swing that ends higher by a known ``rise`` [m], negative down, over a way [m].
 
@@ -120,7 +126,7 @@ def _quintic_time(share: float) -> float:
 
 
 def swing_time(rise: float, clearance: float, apex: float, acceleration: float) -> float:
-    """Least duration of a swing with a known rise [m] within a vertical acceleration [m/s^2], in [s]."""
+    """Duration of a swing with a known rise [m] at a vertical acceleration [m/s^2], in [s]."""
     up = swing_shares(abs(rise), clearance, 0.0, apex, 0.0)[0]
     return math.sqrt(PEAK * (abs(rise) + clearance) / acceleration) / up
 
