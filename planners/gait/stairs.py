@@ -69,7 +69,7 @@ def stair_footsteps(
     margin = 0.5 * (stairs.tread - heel - toe)
     steps, foot = [], LEFT
     for i, (way, height, edge) in enumerate(stations):
-        room = (margin, margin, math.inf, math.inf) if edge else None
+        room = (margin - 0.03, margin - 0.03, math.inf, math.inf) if edge else None
         for _ in range(2 if (edge and together) or i == len(stations) - 1 else 1):
             x, y = start.moved(way, side_of(foot) * 0.5 * width)
             steps.append(Footstep(foot, Foothold(x, y, start.yaw, start.z + height), Tread(room=room)))

@@ -1,0 +1,128 @@
+"""Known stairs walked without eyes: footsteps follow from the geometry, the estimate of the sensors does the rest."""
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
+from benchmarks.core.harness import Case, Options, Report, chosen
+from benchmarks.core.loops import demand
+from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
+from bridge.closed_loop import ClosedLoop
+from models.config import STRICT, Positive, Share
+from models.terrain import Terrain
+from planners.gait.footsteps import middle
+from planners.gait.stairs import Stairs, stair_footsteps
+
+_SETTLE = 4.0  #: After the planned footsteps, until the walk counts as stuck [s]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class StairsConfig:
+    """The test; the unit of every value stands in ``benchmarks/config/stairs.yaml``."""
+
+    required_share: Share
+    tread: Positive
+    count: Annotated[int, Field(ge=1)]
+    landing: Positive
+    stride: Positive
+    together: bool
+    record_period: Positive
+    shown: Positive
+    rises: dict[str, float]
+    goals: dict[str, float]
+
+
+_config = partial(settings, StairsConfig, "stairs")
+
+
+def climb(robot: str, seed: int, scenario: str) -> Case:
+    """Climb and descend one flight; ``distance`` is the way of the base, ``torque`` the largest share of a leg's limit.
+
+    A walk survives when it does not fall, takes every footstep, and stands behind the stairs.
+    """
+    config = _config()
+    rise = {**config.rises, **config.goals}[scenario]
+    length = 2.0 * config.count * config.tread + config.landing + 4.0
+    terrain = Terrain(
+        kind="stairs", height=rise, size=config.tread, count=config.count, landing=config.landing, length=length
+    )
+    loop = ClosedLoop(robot, seed=seed, terrain=terrain, record_period_s=config.record_period)
+    demand(loop, "walk")
+    loop.run(0.2)
+    here, gait = middle(loop.gait.footholds), loop.gait
+    stairs = Stairs(terrain.patch - here.x, rise, config.tread, config.count, config.landing)
+    steps = stair_footsteps(
+        stairs, here, loop.robot, gait.config.reach.width, stride=config.stride, together=config.together
+    )
+    gait.take_steps(steps)
+    start, x = loop.t, float(loop.truth.q[0])
+    latest = start + len(steps) * (gait.route.swing + gait.config.period) + _SETTLE
+    while loop.t < latest and not loop.fallen and (gait.route.left or not gait.settled):
+        loop.run(0.1)
+    done = gait.route.outcome == "done" and gait.settled
+    legs = [joint - 6 for foot in loop.robot.feet for joint in foot.joint_ids_v]
+    outcome: Case = {
+        "fell": loop.fallen,
+        "reason": loop.fall_reason or "; ".join(loop.faults) or ("" if done else gait.route.outcome or "stuck"),
+        "time": loop.t - start,
+        "distance": float(loop.truth.q[0]) - x,
+        "steps": gait.steps,
+        "survived": not loop.fallen and done,
+        "trips": gait.trips,
+        "foot_slip": float(loop.foot_slip.max()),
+        "torque": float((np.abs(loop.log.tau[:, legs]) / loop.robot.tau_max[legs]).max()),
+    }
+    return outcome if outcome["survived"] else {**outcome, "moments": last_moments(loop, config.shown)}
+
+
+class StairsBench(Benchmark):
+    """The rises that have a bound, or those chosen, once a seed."""
+
+    measure = staticmethod(climb)
+
+    def cases(self, options: Options) -> list[Case]:
+        config = _config()
+        names = chosen("stairs", options.scenarios, [*config.rises, *config.goals], list(config.rises))
+        return [
+            {"robot": options.robot, "seed": seed, "scenario": name} for name in names for seed in options.each_seed()
+        ]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Of each rise ``survived_`` of ``total_`` walks, the mean ``time_`` of these [s], and all trips."""
+        figures = {}
+        for name in dict.fromkeys(case["scenario"] for case in cases):
+            of = [case for case in cases if case["scenario"] == name]
+            times = [case["time"] for case in of if case["survived"]]
+            figures[f"survived_{name}"] = float(len(times))
+            figures[f"total_{name}"] = float(len(of))
+            figures[f"time_{name}_s"] = float(np.mean(times)) if times else float("nan")
+            figures[f"trips_{name}"] = float(sum(case["trips"] for case in of))
+        return figures
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        config = _config()
+        totals = {name: report.figures.get(f"total_{name}", 0.0) for name in config.rises}
+        return at_least({f"survived_{name}": config.required_share * total for name, total in totals.items()})
+
+    def notes(self, report: Report) -> list[str]:
+        return super().notes(report) + [
+            f"{case['scenario']}, seed {case['seed']}: {case['reason']} after {case['steps']} steps, {case['time']:.1f} s"
+            for case in report.cases
+            if not case["survived"]
+        ]
+
+    def survived(self, case: Case) -> tuple[str, bool]:
+        return case["scenario"], bool(case["survived"])
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        figure, axes = plot_distances(report)
+        axes.set_ylabel("distance [m]")
+        axes.set_ylim(bottom=0.0)
+        axes.set_title(f"stairs, {report.who}, seeds: {report.seeds}", fontsize=10)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+        return [saved(figure, folder / f"stairs-{report.robot}.png"), *draw_failures(report, folder)]
