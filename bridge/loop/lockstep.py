@@ -73,8 +73,8 @@ class PlantMonitor:
     """Detects falls and slip of stance feet.
 
     Fallen, until ``reset``: the base is lower over the ground than ``fall_height`` of its height at ``reset``, or
-    tilted more than ``fall_tilt``, or anything but a sole touches the floor. The ground is that under the base, or under
-    a sole where that is lower: going down stairs, the base is over the upper tread.
+    tilted more than ``fall_tilt``, or anything but a sole touches the floor. The ground is that under the base, or
+    under a sole where that is lower: going down stairs, the base is over the upper tread.
 
     Slip of a foot, from the pose of its sole when the foot last took load: |p_xy - p_xy,0| + |yaw - yaw_0| r, with r
     the distance from the sole's origin to the farthest corner. ``foot_slip`` is the largest since ``reset`` (2,) [m];

@@ -19,6 +19,7 @@ from planners.gait.footsteps import (
     Foothold,
     Point,
     Pose,
+    clamped,
     limits_of,
     point_at,
     preview_poses,
@@ -40,6 +41,7 @@ from planners.gait.regions import (
     region_boxes,
     region_limits,
 )
+from planners.gait.route import Footstep
 from planners.gait.step_problem import UNSOLVED, StepProblem, Weights, best_step, weights_of
 from planners.gait.swing import SwingState, Via
 from planners.gait.tread import bounds_in
@@ -58,6 +60,7 @@ class Walk(Struct, frozen=True):
     pace: Pace  #: Of this and the coming steps
     omega: float  #: Of the pendulum [1/s]
     levels: Point  #: Known heights of both feet before the step, left and right [m]
+    landing: Footstep | None = None  #: Known foothold that the foot is on its way to, whatever the command is now
     urgent: bool = False
 
     @property
@@ -209,21 +212,25 @@ class StepPlanner:
 
     def _room(self, walk: Walk) -> Matrix:
         """Least and largest place of the swing sole on its tread in the stance frame (2, 2) [m]."""
-        steps = walk.command.route.steps
-        return bounds_in(walk.stance, steps[0].hold, steps[0].tread) if steps else _ANYWHERE
+        return bounds_in(walk.stance, walk.landing.hold, walk.landing.tread) if walk.landing else _ANYWHERE
 
     def _coming(self, walk: Walk) -> Matrix:
         """The present stance and the coming footholds (1 + steps, 4).
 
         Each x, y [m] and heading [rad] in W, and known height above the stance [m].
         """
-        count, command = self._config.preview, walk.command
+        count, command, stance, level = self._config.preview, walk.command, walk.stance, walk.levels[1 - walk.foot]
         if command.route.steps:
-            stance = walk.stance
-            steps = command.route.ahead(stance, count, self._limits, walk.levels[1 - walk.foot])
+            steps = command.route.ahead(stance, count, self._limits, level)
             return np.array([(*stance.pose, 0.0), *((*step.pose, step.z - stance.z) for step in steps)])
-        period, steps_left = walk.pace.period, command.steps_left
-        return preview_poses(walk.stance, walk.foot, command.velocity, period, self._bounds, count, steps_left)
+        period, velocity, left = walk.pace.period, command.velocity, command.steps_left
+        if walk.landing is None:
+            return preview_poses(stance, walk.foot, velocity, period, self._bounds, count, left)
+        first = clamped(stance, walk.foot, *walk.landing.hold.pose, self._limits)
+        after = None if left is None else max(left - 1, 1)
+        poses = preview_poses(first, 1 - walk.foot, velocity, period, self._bounds, count - 1, after)
+        poses[:, 3] = walk.landing.hold.z - level
+        return np.vstack([(*stance.pose, 0.0), poses])
 
 
 @njit(cache=True)

@@ -345,14 +345,14 @@ class GaitPlanner:
 
     def _walk(self, liftoff: Foothold) -> Walk:
         gait, stance, hold = self.state, self.stance, self.footholds[self.stance]
-        levels, urgent = gait.soles.levels, gait.step.urgent
-        return Walk(hold, 1 - stance, liftoff, gait.command, gait.pace, self._omega(), levels, urgent)
+        soles, urgent, omega = gait.soles, gait.step.urgent, self._omega()
+        return Walk(hold, 1 - stance, liftoff, gait.command, gait.pace, omega, soles.levels, soles.landing, urgent)
 
     def _relief_dcm(self) -> float:
         """Vertical DCM by the known heights of the coming footholds [m]."""
         gait, levels, omega = self.state, self.state.soles.levels, self._omega()
-        known = gait.soles.landing is not None or any(step.tread is not None for step in gait.command.route.steps[:1])
-        if not gait.phase.stepping or not (known or levels[0] != levels[1]):
+        level = levels[0] == levels[1] and gait.soles.landing is None and not gait.command.route.known
+        if level or not gait.phase.stepping:
             return 0.5 * (levels[0] + levels[1])
         level, end = levels[gait.stance], self._plan.height_at_touchdown(self._walk(gait.step.liftoff))
         if gait.phase is GaitPhase.SINGLE:
@@ -379,11 +379,12 @@ class GaitPlanner:
             region=Region.OWN,
             via=None,
         )
-        walk, steps = self._walk(sole), gait.command.route.steps
+        landing = gait.command.route.steps[0] if gait.command.route.known else None
+        gait.soles = structs.replace(gait.soles, landing=landing)
+        walk = self._walk(sole)
         nominal, _ = self._plan.nominal(walk)
-        landing = steps[0] if steps and steps[0].foot == foot and steps[0].tread is not None else None
         rise = walk.rise + nominal.z - walk.stance.z
-        gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal), landing=landing)
+        gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))
         tilt, trips, target, pace = gait.soles.tilts[foot], gait.swing.trips, (nominal.x, nominal.y), gait.pace
         gait.swing = self._swing.lift(
             pose, pace.clearance, single, tilt, trips, target, toe_off, pace.least_effort, rise

@@ -36,6 +36,12 @@ class Footstep:
     hold: Foothold
     tread: Tread | None = None
 
+    @property
+    def values(self) -> list[float]:
+        """The step as numbers: foot, foothold, slope, room; see ``footstep_of``."""
+        tread = () if self.tread is None else (*self.tread.slope, *(self.tread.room or ()))
+        return [self.foot, *structs.astuple(self.hold), *tread]
+
     def kept(self, hold: Foothold) -> Foothold:
         """The foothold inside the room of the tread that is nearest to ``hold``."""
         if self.tread is None or self.tread.room is None:
@@ -43,6 +49,13 @@ class Footstep:
         (x, y), (back, forward, right, left) = self.hold.relative(hold.x, hold.y), self.tread.room
         x, y = self.hold.moved(min(max(x, -back), forward), min(max(y, -right), left))
         return structs.replace(hold, x=x, y=y)
+
+
+def footstep_of(foot: float, x: float, y: float, yaw: float, z: float, *tread: float) -> Footstep:
+    """Step of its ``values``."""
+    room = tread[2:] or None
+    known = Tread((tread[0], tread[1]), room) if tread else None  # type: ignore[arg-type]
+    return Footstep(int(foot), Foothold(x, y, yaw, z), known)
 
 
 def soles_at(pose: Foothold, width: float) -> tuple[Foothold, Foothold]:
@@ -244,6 +257,11 @@ class Route(Struct, frozen=True):
     def left(self) -> int:
         """Touchdowns until it ends; 0 without a route."""
         return len(self.steps)
+
+    @property
+    def known(self) -> bool:
+        """Whether the height of the next foothold is known."""
+        return bool(self.steps) and self.steps[0].tread is not None
 
     @property
     def foot(self) -> int:

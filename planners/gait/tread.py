@@ -89,8 +89,8 @@ class SwingShares(NamedTuple):
 
 @register_jitable
 def clearance_over(rise: float, level: float, edge: float) -> float:
-    """Height of the sole over the higher foothold of a swing with a known ``rise``: as on the ``level``, or an edge's [m]."""
-    return level if rise == 0.0 else max(level, edge)
+    """Height of the sole over the higher foothold of a swing, from that on the ``level`` to that over an ``edge`` [m]."""
+    return max(level, min(level + abs(rise), edge))
 
 
 @register_jitable
@@ -99,14 +99,14 @@ def swing_shares(rise: float, clearance: float, way: float, apex: float, edge: f
 
     Up and down take times in the ratio of the square roots of their heights: equal accelerations; ``apex`` is that of a
     level swing. Between the footholds is an edge, at least ``edge`` [m] away from the sole on either of them. The foot
-    is half its clearance above the edge before it gets there, and after it has passed it.
+    is up to half its clearance above the edge before it gets there, and until it has passed it.
     """
     low, high = clearance, clearance + abs(rise)
     up, down = (high, low) if rise > 0.0 else (low, high)
     top = apex / (apex + (1.0 - apex) * math.sqrt(down / up))
     if rise == 0.0 or way <= edge:
         return top, 0.0, 0.0
-    over = _quintic_time((abs(rise) + 0.5 * clearance) / high) * (top if rise > 0.0 else 1.0 - top)
+    over = _quintic_time((abs(rise) + min(abs(rise), 0.5 * clearance)) / high) * (top if rise > 0.0 else 1.0 - top)
     passing = _quintic_time(edge / way)
     wait = max((over - passing) / (1.0 - passing), 0.0)
     return (top, wait, 0.0) if rise > 0.0 else (top, 0.0, wait)
