@@ -28,7 +28,7 @@ from planners.gait.footsteps import (
 )
 from planners.gait.measurement import Measurement
 from planners.gait.pace import Pace
-from planners.gait.reaction import Body, SwingLeg, SwingMotion, rest_of_swing
+from planners.gait.reaction import Body, SwingLeg, rest_of_swing
 from planners.gait.regions import (
     NOWHERE,
     URGENT_REGIONS,
@@ -43,7 +43,7 @@ from planners.gait.regions import (
 )
 from planners.gait.route import Footstep
 from planners.gait.step_problem import UNSOLVED, StepProblem, Weights, best_step, weights_of
-from planners.gait.swing import SwingState, Via
+from planners.gait.swing import SwingMotion, SwingState, Via
 from planners.gait.tread import bounds_in
 
 _HURRY = 0.7  #: Shortest single support of a swing to a known height, as a share of its nominal one [-]

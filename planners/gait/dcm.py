@@ -23,7 +23,8 @@ from models.numerics.unboxed import Unboxed
 from models.types import Matrix, Vector
 from planners.gait.footsteps import Point, point_at
 from planners.gait.pace import Pace
-from planners.gait.reaction import Body, SwingLeg, SwingMotion, cmp_offset, rest_of_swing, swing_slope, whole_swing
+from planners.gait.reaction import Body, SwingLeg, cmp_offset, rest_of_swing, swing_slope, whole_swing
+from planners.gait.swing import SwingMotion
 
 
 class StepModel(NamedTuple):

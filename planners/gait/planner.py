@@ -351,8 +351,8 @@ class GaitPlanner:
     def _relief_dcm(self) -> float:
         """Vertical DCM by the known heights of the coming footholds [m]."""
         gait, levels, omega = self.state, self.state.soles.levels, self._omega()
-        level = levels[0] == levels[1] and gait.soles.landing is None and not gait.command.route.known
-        if level or not gait.phase.stepping:
+        felt = levels[0] == levels[1] and gait.soles.landing is None and not gait.command.route.known
+        if felt or not gait.phase.stepping:
             return 0.5 * (levels[0] + levels[1])
         level, end = levels[gait.stance], self._plan.height_at_touchdown(self._walk(gait.step.liftoff))
         if gait.phase is GaitPhase.SINGLE:
@@ -361,8 +361,8 @@ class GaitPlanner:
         if gait.phase is GaitPhase.START:
             return end
         elapsed, old = gait.elapsed - gait.early, levels[1 - gait.stance]
-        heights = (np.array((height, 0.0)) for height in (old, level, end))
-        return float(double_support(*heights, omega, elapsed, gait.step.double)[0][0])
+        first, last, then = (np.array((height, 0.0)) for height in (old, level, end))
+        return float(double_support(first, last, then, omega, elapsed, gait.step.double)[0][0])
 
     def _lift(self) -> None:
         """The swing foot leaves the floor at its measured place, from its edge as it turns."""

@@ -48,8 +48,8 @@ class SwingShape(NamedTuple):
     edge_clearance: float
 
 
-#: The swing under way, for its reaction: motion of the foot, see ``SwingState`` (3, 4), heights of apex and landing [m],
-#: ``SwingShares``, time from lift-off to touchdown [s], acceleration at touchdown [m/s^2] and target [m] in W
+#: The swing under way, for its reaction: motion of the foot, see ``SwingState`` (3, 4), heights of apex and landing
+#: [m], ``SwingShares``, time from lift-off to touchdown [s], acceleration at touchdown [m/s^2] and target [m] in W
 SwingMotion = tuple[Matrix, Point, tuple[float, float, float], float, Point, Point]
 
 

@@ -89,7 +89,7 @@ class SwingShares(NamedTuple):
 
 @register_jitable
 def clearance_over(rise: float, level: float, edge: float) -> float:
-    """Height of the sole over the higher foothold of a swing, from that on the ``level`` to that over an ``edge`` [m]."""
+    """Height of the sole over the higher end of a swing, from that on the ``level`` to that over an ``edge`` [m]."""
     return max(level, min(level + abs(rise), edge))
 
 
