@@ -59,9 +59,9 @@ class Walk(Struct, frozen=True):
     command: CommandState  #: Velocity or route, and the end of the walk
     pace: Pace  #: Of this and the coming steps
     omega: float  #: Of the pendulum [1/s]
-    levels: Point  #: Known heights of both feet before the step, left and right [m]
-    landing: Footstep | None = None  #: Known foothold that the foot is on its way to, whatever the command is now
     urgent: bool = False
+    levels: Point = (0.0, 0.0)  #: Known heights of both feet before the step, left and right [m]
+    landing: Footstep | None = None  #: Known foothold that the foot is on its way to, whatever the command is now
 
     @property
     def rise(self) -> float:

@@ -346,7 +346,7 @@ class GaitPlanner:
     def _walk(self, liftoff: Foothold) -> Walk:
         gait, stance, hold = self.state, self.stance, self.footholds[self.stance]
         soles, urgent, omega = gait.soles, gait.step.urgent, self._omega()
-        return Walk(hold, 1 - stance, liftoff, gait.command, gait.pace, omega, soles.levels, soles.landing, urgent)
+        return Walk(hold, 1 - stance, liftoff, gait.command, gait.pace, omega, urgent, soles.levels, soles.landing)
 
     def _relief_dcm(self) -> float:
         """Vertical DCM by the known heights of the coming footholds [m]."""
@@ -596,5 +596,6 @@ class GaitPlanner:
         for dt in (self.config.timing.start, self.config.timing.start, self.config.timing.adjust_period):
             self.step(robot, dt)
         self._swing.detect_trip(at_rest.swing, 0.0, 0.0, 0.0, 1.0, 1.0)  # not reached: the step is urgent
+        self._plan.height_at_touchdown(self._walk(at_rest.step.liftoff))
         at_rest.dcm.in_double(at_rest.dcm.old, at_rest.dcm.old, self._omega(), -1.0, 1.0)  # not reached either
         return at_rest

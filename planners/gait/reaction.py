@@ -132,7 +132,8 @@ def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg,
     foot = np.zeros(16)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
     clearance = clearance_over(rise, pace.clearance, shape.edge_clearance)
-    shares = swing_shares(rise, clearance, math.hypot(way[0], way[1]), shape.apex, shape.edge)
+    length, early = math.hypot(way[0], way[1]), shape.freeze / pace.single
+    shares = swing_shares(rise, clearance, length, shape.apex, shape.edge, early)
     apex, waits = shares[0] * pace.single, (shares[1] * pace.single, shares[2] * pace.single)
     for i in range(2):
         foot[14 + i] = end_acceleration(foot[9 + i], pace.single - waits[0] - waits[1], pace.least_effort)

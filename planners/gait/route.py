@@ -177,8 +177,8 @@ def check_footsteps(steps: Sequence[Footstep], soles: Sequence[Foothold], config
     feet = list(soles)
     for i, step in enumerate(steps):
         name, hold = f"footstep {i + 1} ({FOOT_NAMES[step.foot]}) refused", step.hold
-        if not all(math.isfinite(value) for value in (hold.x, hold.y, hold.yaw, hold.z)):
-            raise CommandError(f"{name}: ({hold.x}, {hold.y}, {hold.yaw}) at height {hold.z} is not finite")
+        if not all(math.isfinite(value) for value in (hold.x, hold.y, hold.yaw)):
+            raise CommandError(f"{name}: ({hold.x}, {hold.y}, {hold.yaw}) is not finite")
         if i and step.foot == steps[i - 1].foot:
             raise CommandError(f"{name}: the same foot as before")
         before, stance = middle(feet), feet[1 - step.foot]
@@ -216,7 +216,7 @@ def _out_of_reach(stance: Foothold, foot: int, hold: Foothold, config: GaitConfi
 def _too_steep(stance: Foothold, foot: int, hold: Foothold, tread: Tread | None, config: GaitConfig) -> str | None:
     """Why a foot cannot be put down at this height and tilt; None if it can."""
     rise, most = hold.z - stance.z, config.reach.rise
-    if abs(rise) > most + SLACK:
+    if not abs(rise) <= most + SLACK:  # neither is that of a NaN
         way = "above" if rise > 0.0 else "below"
         return f"{abs(rise):.3f} m {way} the {FOOT_NAMES[1 - foot]} sole, at most {most:.3f} m"
     slope = 0.0 if tread is None else math.hypot(*tread.slope)

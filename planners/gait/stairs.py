@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from msgspec import Struct
 
@@ -27,26 +28,40 @@ class Stairs(Struct, frozen=True):
     width: float  #: Of the flight, the robot in its middle [m]
 
 
-def stair_stations(stairs: Stairs, heel: float, toe: float, stride: float) -> list[tuple[float, float, bool]]:
-    """Places of a sole: way [m], height [m], and whether an edge follows or comes before.
+class Station(NamedTuple):
+    """Place of a sole on the way over stairs."""
 
-    ``heel`` and ``toe`` are how far the sole reaches behind and ahead of its frame [m]. On every tread it is in the
-    middle, and as far from the edges on the levels before and after it. On these, places are at most ``stride`` [m]
-    apart.
+    way: float  #: From the start [m]
+    height: float  #: Above it [m]
+    room: tuple[float, float] | None = None  #: Backward and forward to where an edge is too near [m]; None: no edge
+
+
+def stair_stations(stairs: Stairs, heel: float, toe: float, stride: float, edge: float) -> list[Station]:
+    """Places of a sole on its way over stairs.
+
+    ``heel`` and ``toe`` are how far the sole reaches behind and ahead of its frame [m]. On every tread, and on the
+    levels before and after it, the sole is half-way between its middle and where it is ``edge`` [m] from the edge of
+    the tread: farther from the riser, which shin and heel might touch. On the levels, places are at most ``stride``
+    apart [m]. Raises ``UnreachableError`` when a tread is too short.
     """
-    margin = 0.5 * (stairs.tread - heel - toe)
-    first, last = margin + heel, margin + toe  # from the edge behind, and to the edge ahead
-    top = stairs.ahead + (stairs.count - 1) * stairs.tread
-    stations = [(x, 0.0, False) for x in _spread(0.0, stairs.ahead - last, stride)]
-    stations.append((stairs.ahead - last, 0.0, True))
-    stations += [(stairs.ahead + k * stairs.tread + first, (k + 1) * stairs.rise, True) for k in range(stairs.count)]
-    height, edge = stairs.count * stairs.rise, top + stairs.landing
-    stations += [(x, height, False) for x in _spread(top + first, edge - last, stride)]
-    if edge - last > top + first + _FEW:
-        stations.append((edge - last, height, True))
-    return stations + [
-        (edge + k * stairs.tread + first, (stairs.count - 1 - k) * stairs.rise, True) for k in range(stairs.count)
-    ]
+    spare = 0.5 * (stairs.tread - heel - toe) - edge
+    if spare < 0.0:
+        raise UnreachableError(
+            f"treads of {stairs.tread:.3f} m: at least {heel + toe + 2.0 * edge:.3f} m for this robot's sole"
+        )
+    wall, free = edge + 1.5 * spare, edge + 0.5 * spare  # from the sole to the riser, and to the edge of the tread
+    sides = ((free, wall), (wall, free)) if stairs.rise > 0.0 else ((wall, free), (free, wall))
+    end = stairs.ahead + (stairs.count - 1) * stairs.tread + stairs.landing
+    stations, height = [], 0.0
+    for (behind, before), riser, rise in zip(sides, (stairs.ahead, end), (stairs.rise, -stairs.rise), strict=True):
+        room, last = (behind - edge, before - edge), riser - before - toe
+        start = stations[-1].way if stations else 0.0
+        stations += [Station(way, height) for way in _spread(start, last, stride)]
+        stations.append(Station(last, height, room))
+        for k in range(stairs.count):
+            height += rise
+            stations.append(Station(riser + k * stairs.tread + behind + heel, height, room))
+    return stations
 
 
 def _spread(begin: float, end: float, stride: float) -> list[float]:
@@ -68,19 +83,18 @@ def stair_footsteps(
 
     ``together`` puts both feet on every tread, one after the other; else each foot goes from one tread to the next but
     one. A sole may move on its tread as far as ``swing.edge`` from its edges. Raises ``UnreachableError`` when a tread
-    is too short for that.
+    is too short or too narrow.
     """
     width, edge = config.reach.width, config.swing.edge
     heel, toe = -model.feet[LEFT].rectangle[0], model.feet[LEFT].rectangle[1]
-    stations = stair_stations(stairs, heel, toe, stride)
-    along = 0.5 * (stairs.tread - heel - toe) - edge
-    beside = 0.5 * stairs.width - 0.5 * width - model.feet[LEFT].rectangle[3]
-    if min(along, beside) < 0.0:
-        raise UnreachableError(f"treads of {stairs.tread:.3f} m by {stairs.width:.3f} m leave a sole no room")
+    stations = stair_stations(stairs, heel, toe, stride, edge)
+    beside = 0.5 * (stairs.width - width) - model.feet[LEFT].rectangle[3]
+    if beside < 0.0:
+        raise UnreachableError(f"stairs of {stairs.width:.3f} m are too narrow for soles {width:.3f} m apart")
     steps, foot = [], LEFT
-    for i, (way, height, near) in enumerate(stations):
-        tread = Tread(room=(along, along, beside, beside) if near else None)
-        for _ in range(2 if (near and together) or i == len(stations) - 1 else 1):
+    for i, (way, height, room) in enumerate(stations):
+        tread = Tread(room=None if room is None else (*room, beside, beside))
+        for _ in range(2 if (room and together) or i == len(stations) - 1 else 1):
             x, y = start.moved(way, side_of(foot) * 0.5 * width)
             steps.append(Footstep(foot, Foothold(x, y, start.yaw, start.z + height), tread))
             foot = 1 - foot

@@ -189,8 +189,9 @@ class SwingFoot:
             motion[:, Z] += turned[:, 1]
             tilt = tilt - math.tan(toe_off.angle) * np.array([c, s])
         way = 0.0 if target is None else math.dist(start, target)
-        clearance = clearance_over(rise, clearance, self.shape.edge_clearance)
-        shares = SwingShares(*swing_shares(rise, clearance, way, self.shape.apex, self.shape.edge))
+        shape = self.shape
+        clearance = clearance_over(rise, clearance, shape.edge_clearance)
+        shares = SwingShares(*swing_shares(rise, clearance, way, shape.apex, shape.edge, shape.freeze / duration))
         braking = (0.0, 0.0) if target is None else _braking(start, target, shares.moving * duration, effort)
         if shares.wait == 0.0:
             motion[2, :Z] -= braking

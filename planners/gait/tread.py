@@ -94,19 +94,24 @@ def clearance_over(rise: float, level: float, edge: float) -> float:
 
 
 @register_jitable
-def swing_shares(rise: float, clearance: float, way: float, apex: float, edge: float) -> tuple[float, float, float]:
+def swing_shares(
+    rise: float, clearance: float, way: float, apex: float, edge: float, early: float
+) -> tuple[float, float, float]:
     """``SwingShares`` of a swing that ends higher by a known ``rise`` [m], negative down, over a way [m].
 
     Up and down take times in the ratio of the square roots of their heights: equal accelerations; ``apex`` is that of a
     level swing. Between the footholds is an edge, at least ``edge`` [m] away from the sole on either of them. The foot
-    is up to half its clearance above the edge before it gets there, and until it has passed it.
+    is up to half its clearance above the edge before it gets there, and until it has passed it. It turns from the apex
+    to the landing ``early``, a share of its duration.
     """
     low, high = clearance, clearance + abs(rise)
     up, down = (high, low) if rise > 0.0 else (low, high)
     top = apex / (apex + (1.0 - apex) * math.sqrt(down / up))
     if rise == 0.0 or way <= edge:
         return top, 0.0, 0.0
-    over = _quintic_time((abs(rise) + min(abs(rise), 0.5 * clearance)) / high) * (top if rise > 0.0 else 1.0 - top)
+    over = _quintic_time((abs(rise) + min(abs(rise), 0.5 * clearance)) / high) * (
+        top if rise > 0.0 else 1.0 - top + early
+    )
     passing = _quintic_time(edge / way)
     wait = max((over - passing) / (1.0 - passing), 0.0)
     return (top, wait, 0.0) if rise > 0.0 else (top, 0.0, wait)
@@ -127,7 +132,7 @@ def _quintic_time(share: float) -> float:
 
 def swing_time(rise: float, clearance: float, apex: float, acceleration: float) -> float:
     """Duration of a swing with a known rise [m] at a vertical acceleration [m/s^2], in [s]."""
-    up = swing_shares(abs(rise), clearance, 0.0, apex, 0.0)[0]
+    up = swing_shares(abs(rise), clearance, 0.0, apex, 0.0, 0.0)[0]
     return math.sqrt(PEAK * (abs(rise) + clearance) / acceleration) / up
 
 
