@@ -16,7 +16,7 @@ from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Positive, Share
 from models.terrain import Terrain
 from planners.gait.footsteps import middle
-from planners.gait.stairs import Stairs, stair_footsteps
+from planners.terrain.stairs import Stairs, stair_footsteps
 
 _SETTLE = 4.0  #: After the planned footsteps, until the walk counts as stuck [s]
 

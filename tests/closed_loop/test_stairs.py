@@ -6,8 +6,8 @@ import pytest
 from bridge.closed_loop import ClosedLoop
 from models.terrain import Terrain
 from planners.gait.footsteps import middle
-from planners.gait.stairs import Stairs, stair_footsteps
 from planners.gait.state import GaitPhase
+from planners.terrain.stairs import Stairs, stair_footsteps
 
 RISE, TREAD, LANDING = 0.10, 0.30, 0.6  # [m]
 

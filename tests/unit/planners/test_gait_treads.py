@@ -16,9 +16,9 @@ from planners.gait.pace import Pace
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep, check_footsteps, footstep_of, route_over, soles_at
 from planners.gait.scaling import load_gait_config
-from planners.gait.stairs import Stairs, stair_footsteps
 from planners.gait.swing import SwingFoot
 from planners.gait.tread import Tread, bounds_in, room_on, swing_shares
+from planners.terrain.stairs import Stairs, stair_footsteps
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 from tests.support import standing
 
