@@ -52,7 +52,8 @@ def stair_stations(stairs: Stairs, heel: float, toe: float, stride: float, edge:
     wall, free = edge + 1.5 * spare, edge + 0.5 * spare  # from the sole to the riser, and to the edge of the tread
     sides = ((free, wall), (wall, free)) if stairs.rise > 0.0 else ((wall, free), (free, wall))
     end = stairs.ahead + (stairs.count - 1) * stairs.tread + stairs.landing
-    stations, height = [], 0.0
+    stations: list[Station] = []
+    height = 0.0
     for (behind, before), riser, rise in zip(sides, (stairs.ahead, end), (stairs.rise, -stairs.rise), strict=True):
         room, last = (behind - edge, before - edge), riser - before - toe
         start = stations[-1].way if stations else 0.0
