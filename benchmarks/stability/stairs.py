@@ -1,5 +1,6 @@
-"""Known stairs walked without eyes: footsteps follow from the geometry, the estimate of the sensors does the rest."""
+"""Stairs: of known geometry, walked without eyes, or seen by the robot itself, which stops to look and plan."""
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -16,9 +17,22 @@ from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Positive, Share
 from models.terrain import Terrain
 from planners.gait.footsteps import middle
+from planners.gait.route import Footstep
+from planners.terrain.footholds import GroundPlanner
 from planners.terrain.stairs import Stairs, stair_footsteps
 
 _SETTLE = 4.0  #: After the planned footsteps, until the walk counts as stuck [s]
+_LOOK = 1.0  #: For which the robot stands and maps before it plans [s]
+_AHEAD = 2.0  #: How far it plans at most [m]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Flight:
+    """Stairs, and how the robot knows them."""
+
+    rise: float  #: Of each step [m]
+    seen: bool = False  #: By its own depth camera and lidar; else it is told
+    count: Annotated[int, Field(ge=1)] | None = None  #: Risers up; those of all stairs when None
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -33,8 +47,10 @@ class StairsConfig:
     together: bool
     record_period: Positive
     shown: Positive
-    rises: dict[str, float]
-    goals: dict[str, float]
+    seen_ahead: Positive
+    looks: Annotated[int, Field(ge=1)]
+    rises: dict[str, Flight]
+    goals: dict[str, Flight]
 
 
 _config = partial(settings, StairsConfig, "stairs")
@@ -46,27 +62,37 @@ def climb(robot: str, seed: int, scenario: str) -> Case:
     A walk survives when it does not fall, takes every footstep, and stands behind the stairs.
     """
     config = _config()
-    rise = {**config.rises, **config.goals}[scenario]
-    length = 2.0 * config.count * config.tread + config.landing + 4.0
+    flight = {**config.rises, **config.goals}[scenario]
+    count, patch = flight.count or config.count, config.seen_ahead if flight.seen else Terrain("flat").patch
+    way = patch + 2.0 * (count - 1) * config.tread + config.landing  # to the last riser
     terrain = Terrain(
-        kind="stairs", height=rise, size=config.tread, count=config.count, landing=config.landing, length=length
+        kind="stairs",
+        height=flight.rise,
+        size=config.tread,
+        count=count,
+        landing=config.landing,
+        patch=patch,
+        length=way + 4.0,
     )
-    loop = ClosedLoop(robot, seed=seed, terrain=terrain, record_period_s=config.record_period)
+    loop = ClosedLoop(robot, seed=seed, terrain=terrain, terrain_map=flight.seen, record_period_s=config.record_period)
     demand(loop, "walk")
-    loop.run(0.2)
-    here, gait = middle(loop.gait.footholds), loop.gait
-    stairs = Stairs(terrain.patch - here.x, rise, config.tread, config.count, config.landing, 2.0 * terrain.width)
-    steps = stair_footsteps(stairs, here, loop.robot, gait.config, stride=config.stride, together=config.together)
-    gait.take_steps(steps)
-    start, x = loop.t, float(loop.truth.q[0])
-    latest = start + len(steps) * (gait.route.swing + gait.config.period) + _SETTLE
-    while loop.t < latest and not loop.fallen and (gait.route.left or not gait.settled):
-        loop.run(0.1)
-    done = gait.route.outcome == "done" and gait.settled
+    start, x, gait = loop.t, float(loop.truth.q[0]), loop.gait
+    if flight.seen:
+        _look_and_walk(loop, way)
+    else:
+        loop.run(0.2)
+        here = middle(gait.footholds)
+        stairs = Stairs(patch - here.x, flight.rise, config.tread, count, config.landing, 2.0 * terrain.width)
+        _take(
+            loop,
+            stair_footsteps(stairs, here, loop.robot, gait.config, stride=config.stride, together=config.together),
+        )
+    arrived = float(loop.truth.q[0]) > way
+    done = gait.route.outcome == "done" and gait.settled and arrived
     legs = [joint - 6 for foot in loop.robot.feet for joint in foot.joint_ids_v]
     outcome: Case = {
         "fell": loop.fallen,
-        "reason": loop.fall_reason or "; ".join(loop.faults) or ("" if done else gait.route.outcome or "stuck"),
+        "reason": loop.fall_reason or "; ".join(loop.faults) or ("" if done else "did not arrive"),
         "time": loop.t - start,
         "distance": float(loop.truth.q[0]) - x,
         "steps": gait.steps,
@@ -76,6 +102,29 @@ def climb(robot: str, seed: int, scenario: str) -> Case:
         "torque": float((np.abs(loop.log.tau[:, legs]) / loop.robot.tau_max[legs]).max()),
     }
     return outcome if outcome["survived"] else {**outcome, "moments": last_moments(loop, config.shown)}
+
+
+def _take(loop: ClosedLoop, steps: Sequence[Footstep]) -> None:
+    """Take footsteps, until the robot stands, falls or is stuck."""
+    gait = loop.gait
+    gait.take_steps(steps)
+    latest = loop.t + len(steps) * (gait.route.swing + gait.config.period) + _SETTLE
+    loop.run(0.1)
+    while loop.t < latest and not loop.fallen and (gait.route.left or not gait.settled):
+        loop.run(0.1)
+
+
+def _look_and_walk(loop: ClosedLoop, way: float) -> None:
+    """Map the ground, plan footsteps on it and take them, in turn, until the robot is ``way`` [m] ahead."""
+    loop.run(_LOOK)
+    for _ in range(_config().looks):
+        plan = GroundPlanner(loop.ground_view.mapper, loop.gait.config).plan_ahead(middle(loop.gait.footholds), _AHEAD)
+        if not plan.steps:
+            return
+        _take(loop, plan.steps)
+        if loop.fallen or loop.truth.q[0] > way:
+            return
+        loop.run(_LOOK)
 
 
 class StairsBench(Benchmark):
