@@ -33,9 +33,10 @@ class Box:
 class Terrain:
     """Ground on which a robot starts at the origin, on a level patch at height zero, heading along x."""
 
-    kind: Literal["flat", "tiles", "slope", "stairs"]  # slope: a plane; stairs: level treads
-    height: float = 0.0  # tiles: uniformly random from 0 to this; stairs: rise of each, down if negative [m]
-    size: Positive = 0.4  # edge of a tile, or depth of a tread [m]
+    kind: Literal["flat", "tiles", "stones", "slope", "stairs"]  # slope: a plane; stairs: level treads
+    height: float = 0.0  # tiles, stones: uniformly random from 0 to this; stairs: rise of each, down if negative [m]
+    size: Positive = 0.4  # edge of a tile or stone, or depth of a tread [m]
+    gap: Positive = 0.15  # between stones, with nothing to stand on [m]
     count: Annotated[int, Field(ge=1)] | None = None  # stairs: rises up to a landing; None: to the end of the ground
     landing: Positive = 1.0  # depth of that landing, behind which as many rises lead back to the level [m]
     pitch: Angle = 0.0  # slope along x, up positive [rad]
@@ -50,8 +51,8 @@ class Terrain:
     obstacle: Box | None = None  # optional
 
     def __post_init__(self) -> None:
-        if self.kind == "tiles" and self.height < 0.0:
-            raise ValueError(f"height {self.height} m of the tiles is negative")
+        if self.kind in ("tiles", "stones") and self.height < 0.0:
+            raise ValueError(f"height {self.height} m of the {self.kind} is negative")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +120,7 @@ def blocks(terrain: Terrain) -> list[Block]:
         return []
     reach = terrain.patch + terrain.width  # the patch goes as far back as the ground goes sideways
     patch = Block((terrain.patch - 0.5 * reach, 0.0, 0.0), (0.5 * reach, terrain.width))
-    return [patch, *{"tiles": _tiles, "slope": _slope, "stairs": _stairs}[terrain.kind](terrain)]
+    return [patch, *{"tiles": _tiles, "stones": _stones, "slope": _slope, "stairs": _stairs}[terrain.kind](terrain)]
 
 
 class Ground:
@@ -157,6 +158,21 @@ def _tiles(terrain: Terrain) -> list[Block]:
             place = terrain.patch + (i + 0.5) * size, (j + 0.5) * size
             tiles.append(Block((*place, float(rng.uniform(0.0, terrain.height))), (half, half)))
     return tiles
+
+
+def _stones(terrain: Terrain) -> list[Block]:
+    """Rows of stones, one column in the middle, and level ground behind them."""
+    rng, half, pitch = np.random.default_rng(terrain.seed), 0.5 * terrain.size, terrain.size + terrain.gap
+    rows, columns = math.floor((terrain.length - terrain.patch) / pitch) - 1, math.floor(terrain.width / pitch)
+    stones = [
+        Block(
+            (terrain.patch + (i + 1) * pitch - half, j * pitch, float(rng.uniform(0.0, terrain.height))), (half, half)
+        )
+        for i in range(rows)
+        for j in range(-columns, columns + 1)
+    ]
+    begin = terrain.patch + rows * pitch + terrain.gap
+    return [*stones, Block((begin + 0.5 * terrain.width, 0.0, 0.0), (0.5 * terrain.width, terrain.width))]
 
 
 def _stairs(terrain: Terrain) -> list[Block]:

@@ -1,6 +1,7 @@
-"""Stairs: of known geometry, walked without eyes, or seen by the robot itself, which stops to look and plan."""
+"""Stairs of known geometry, walked without eyes; stairs and stones that the robot sees, stopping to look and plan."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +24,8 @@ from planners.terrain.stairs import Stairs, stair_footsteps
 
 _SETTLE = 4.0  #: After the planned footsteps, until the walk counts as stuck [s]
 _LOOK = 1.0  #: For which the robot stands and maps before it plans [s]
+_BEHIND = 4.0  #: Level ground behind stairs [m]
+_ROUNDING = 1e-6  #: Of the length of the ground [m]
 _AHEAD = 2.0  #: How far it plans at most [m]
 
 
@@ -32,7 +35,8 @@ class Flight:
 
     rise: float  #: Of each step [m]
     seen: bool = False  #: By its own depth camera and lidar; else it is told
-    count: Annotated[int, Field(ge=1)] | None = None  #: Risers up; those of all stairs when None
+    count: Annotated[int, Field(ge=1)] | None = None  #: Risers up, or rows of stones; those of all stairs when None
+    gap: Positive | None = None  #: Between stones as long as a tread, of heights up to ``rise``; stairs when None [m]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -64,16 +68,14 @@ def climb(robot: str, seed: int, scenario: str) -> Case:
     config = _config()
     flight = {**config.rises, **config.goals}[scenario]
     count, patch = flight.count or config.count, config.seen_ahead if flight.seen else Terrain("flat").patch
-    way = patch + 2.0 * (count - 1) * config.tread + config.landing  # to the last riser
-    terrain = Terrain(
-        kind="stairs",
-        height=flight.rise,
-        size=config.tread,
-        count=count,
-        landing=config.landing,
-        patch=patch,
-        length=way + 4.0,
-    )
+    if flight.gap is None:
+        way = patch + 2.0 * (count - 1) * config.tread + config.landing  # to the last riser
+        terrain = Terrain("stairs", flight.rise, config.tread, count=count, landing=config.landing)
+    else:
+        way = patch + count * (config.tread + flight.gap) + flight.gap
+        terrain = Terrain("stones", flight.rise, config.tread, gap=flight.gap, seed=seed)
+    behind = _BEHIND if flight.gap is None else config.tread + _ROUNDING  # of stones, one row of ``length``
+    terrain = replace(terrain, patch=patch, length=way + behind)
     loop = ClosedLoop(robot, seed=seed, terrain=terrain, terrain_map=flight.seen, record_period_s=config.record_period)
     demand(loop, "walk")
     start, x, gait = loop.t, float(loop.truth.q[0]), loop.gait

@@ -18,13 +18,13 @@ from planners.terrain.mapper import TerrainMapper
 
 _GRID = 0.01  #: Between two places that are tried [m]
 _ASIDE = (0.0, 0.03, -0.03)  #: Outwards of the nominal width that are tried [m]
-_BESIDE = 0.04  #: To either side of a sole, the ground that its plane is fitted to as well [m]
+_BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
 _FLAT = 0.012  #: Largest deviation of that ground from its plane [m]
 _LEVEL = 0.03  #: Difference of height up to which both feet are on one level [m]
 _ROOMS = (0.0, 0.02, 0.04)  #: Ways by which a sole may move ahead and back on its ground that are tried [m]
 _COMFORT = 0.02  #: Such a way from which on an edge does not matter [m]
 _EDGE_WEIGHT = 4.0  #: Of the lack of it, against the distance from the wished place [-]
-_FARTHER = 0.2  #: How much farther than wished a step may be [m]
+_FARTHER = 0.3  #: How much farther than wished a step may be [m]
 _PROGRESS = 0.5  #: Share of a wished step ahead that is worth a step [-]
 
 

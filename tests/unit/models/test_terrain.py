@@ -71,6 +71,16 @@ def test_stairs_lead_up_to_a_landing_and_down_again() -> None:
         parse_config(Terrain, {"kind": "stairs", "count": 0}, "here")
 
 
+def test_stones_have_gaps_between_them_and_level_ground_behind() -> None:
+    terrain = Terrain(kind="stones", height=0.05, size=0.3, gap=0.15, length=4.0, seed=3)
+    ground, first = Ground(terrain), terrain.patch + terrain.gap
+    heights = [ground.height(first + 0.45 * i + 0.15, 0.0) for i in range(5)]
+    assert len(set(heights)) == 5 and 0.0 <= min(heights) and max(heights) <= 0.05
+    stones = [block for block in blocks(terrain) if block.half == (0.15, 0.15)]
+    assert not any(block.height(first + 0.45 * i - 0.07, 0.0) is not None for block in stones for i in range(5))
+    assert ground.height(4.0, 0.0) == 0.0
+
+
 def test_beside_the_terrain_the_ground_is_its_lowest_point() -> None:
     ground = Ground(terrain_named("slope_down"))
     assert ground.height(100.0, 0.0) == ground.lowest < -1.0
