@@ -36,7 +36,7 @@ class Terrain:
     kind: Literal["flat", "tiles", "stones", "slope", "stairs"]  # slope: a plane; stairs: level treads
     height: float = 0.0  # tiles, stones: uniformly random from 0 to this; stairs: rise of each, down if negative [m]
     size: Positive = 0.4  # edge of a tile or stone, or depth of a tread [m]
-    gap: Positive = 0.15  # between stones, with nothing to stand on [m]
+    gap: Positive = 0.15  # between stones, half a metre deep [m]
     count: Annotated[int, Field(ge=1)] | None = None  # stairs: rises up to a landing; None: to the end of the ground
     landing: Positive = 1.0  # depth of that landing, behind which as many rises lead back to the level [m]
     pitch: Angle = 0.0  # slope along x, up positive [rad]
@@ -161,7 +161,7 @@ def _tiles(terrain: Terrain) -> list[Block]:
 
 
 def _stones(terrain: Terrain) -> list[Block]:
-    """Rows of stones, one column in the middle, and level ground behind them."""
+    """Rows of stones, one column in the middle, in a pit as deep as they are thick; level ground behind them."""
     rng, half, pitch = np.random.default_rng(terrain.seed), 0.5 * terrain.size, terrain.size + terrain.gap
     rows, columns = math.floor((terrain.length - terrain.patch) / pitch) - 1, math.floor(terrain.width / pitch)
     stones = [
@@ -172,7 +172,9 @@ def _stones(terrain: Terrain) -> list[Block]:
         for j in range(-columns, columns + 1)
     ]
     begin = terrain.patch + rows * pitch + terrain.gap
-    return [*stones, Block((begin + 0.5 * terrain.width, 0.0, 0.0), (0.5 * terrain.width, terrain.width))]
+    run = 0.5 * (begin - terrain.patch)
+    pit = Block((terrain.patch + run, 0.0, -_DEPTH), (run, terrain.width))
+    return [*stones, pit, Block((begin + 0.5 * terrain.width, 0.0, 0.0), (0.5 * terrain.width, terrain.width))]
 
 
 def _stairs(terrain: Terrain) -> list[Block]:

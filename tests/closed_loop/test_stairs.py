@@ -1,5 +1,7 @@
 """Known stairs in the loop, without eyes. Estimator on, sensor noise on, 2 ms delay."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,15 @@ def run_until_still(loop: ClosedLoop, limit: float) -> None:
     while not loop.gait.settled:
         assert loop.t < end and not loop.fallen, loop.fall_reason
         loop.run(0.05)
+
+
+def test_a_base_over_the_upper_tread_has_not_fallen_while_the_soles_are_below(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = ClosedLoop("g1", record=False)
+    for width, fallen in ((0.03, False), (1.0, True)):
+        tread = SimpleNamespace(height=lambda _, y, width=width: 0.4 if abs(y) < width else 0.0)
+        monkeypatch.setattr(loop.plant, "ground", tread)
+        loop.run(0.01)
+        assert loop.fallen is fallen
 
 
 def test_it_climbs_three_steps_and_descends_them_along_known_footsteps() -> None:
