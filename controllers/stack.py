@@ -469,7 +469,7 @@ class ControlStack:
     def take_steps(self, steps: Sequence[Footstep]) -> None:
         """Take footsteps; see ``GaitPlanner.take_steps``."""
         self.gait.take_steps(steps)
-        self._record("take_steps", [[step.foot, *structs.astuple(step.hold)] for step in steps])
+        self._record("take_steps", [step.values for step in steps])
 
     # Stages
 

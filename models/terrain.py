@@ -33,9 +33,12 @@ class Box:
 class Terrain:
     """Ground on which a robot starts at the origin, on a level patch at height zero, heading along x."""
 
-    kind: Literal["flat", "tiles", "slope", "stairs"]  # slope: a plane; stairs: level treads
-    height: float = 0.0  # tiles: uniformly random from 0 to this; stairs: rise of each, down if negative [m]
-    size: Positive = 0.4  # edge of a tile, or depth of a tread [m]
+    kind: Literal["flat", "tiles", "stones", "slope", "stairs"]  # slope: a plane; stairs: level treads
+    height: float = 0.0  # tiles, stones: uniformly random from 0 to this; stairs: rise of each, down if negative [m]
+    size: Positive = 0.4  # edge of a tile or stone, or depth of a tread [m]
+    gap: Positive = 0.15  # between stones, half a metre deep [m]
+    count: Annotated[int, Field(ge=1)] | None = None  # stairs: rises up to a landing; None: to the end of the ground
+    landing: Positive = 1.0  # depth of that landing, behind which as many rises lead back to the level [m]
     pitch: Angle = 0.0  # slope along x, up positive [rad]
     roll: Angle = 0.0  # slope across, along y, up positive; reached gradually over ``ease`` [rad]
     ease: Positive = 0.8  # length over which a slope across turns from level to ``roll``, in strips [m]
@@ -48,8 +51,8 @@ class Terrain:
     obstacle: Box | None = None  # optional
 
     def __post_init__(self) -> None:
-        if self.kind == "tiles" and self.height < 0.0:
-            raise ValueError(f"height {self.height} m of the tiles is negative")
+        if self.kind in ("tiles", "stones") and self.height < 0.0:
+            raise ValueError(f"height {self.height} m of the {self.kind} is negative")
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +120,7 @@ def blocks(terrain: Terrain) -> list[Block]:
         return []
     reach = terrain.patch + terrain.width  # the patch goes as far back as the ground goes sideways
     patch = Block((terrain.patch - 0.5 * reach, 0.0, 0.0), (0.5 * reach, terrain.width))
-    return [patch, *{"tiles": _tiles, "slope": _slope, "stairs": _stairs}[terrain.kind](terrain)]
+    return [patch, *{"tiles": _tiles, "stones": _stones, "slope": _slope, "stairs": _stairs}[terrain.kind](terrain)]
 
 
 class Ground:
@@ -157,11 +160,35 @@ def _tiles(terrain: Terrain) -> list[Block]:
     return tiles
 
 
+def _stones(terrain: Terrain) -> list[Block]:
+    """Rows of stones, one column in the middle, in a pit as deep as they are thick; level ground behind them."""
+    rng, half, pitch = np.random.default_rng(terrain.seed), 0.5 * terrain.size, terrain.size + terrain.gap
+    rows, columns = math.floor((terrain.length - terrain.patch) / pitch) - 1, math.floor(terrain.width / pitch)
+    stones = [
+        Block(
+            (terrain.patch + (i + 1) * pitch - half, j * pitch, float(rng.uniform(0.0, terrain.height))), (half, half)
+        )
+        for i in range(rows)
+        for j in range(-columns, columns + 1)
+    ]
+    begin = terrain.patch + rows * pitch + terrain.gap
+    run = 0.5 * (begin - terrain.patch)
+    pit = Block((terrain.patch + run, 0.0, -_DEPTH), (run, terrain.width))
+    return [*stones, pit, Block((begin + 0.5 * terrain.width, 0.0, 0.0), (0.5 * terrain.width, terrain.width))]
+
+
 def _stairs(terrain: Terrain) -> list[Block]:
-    half, count = 0.5 * terrain.size, math.ceil((terrain.length - terrain.patch) / terrain.size)
+    size, reach = terrain.size, terrain.length - terrain.patch
+    if terrain.count is None:
+        levels = [(i + 1, size) for i in range(math.ceil(reach / size))]
+    else:
+        up = [(i, size) for i in range(1, terrain.count)]
+        levels = [*up, (terrain.count, terrain.landing), *reversed(up)]
+        levels.append((0, max(reach - sum(depth for _, depth in levels), size)))
+    edges = np.cumsum([terrain.patch, *(depth for _, depth in levels)])
     return [
-        Block((terrain.patch + (2 * i + 1) * half, 0.0, (i + 1) * terrain.height), (half, terrain.width))
-        for i in range(count)
+        Block((float(edge) + 0.5 * depth, 0.0, level * terrain.height), (0.5 * depth, terrain.width))
+        for edge, (level, depth) in zip(edges[:-1], levels, strict=True)
     ]
 
 

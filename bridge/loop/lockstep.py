@@ -73,7 +73,8 @@ class PlantMonitor:
     """Detects falls and slip of stance feet.
 
     Fallen, until ``reset``: the base is lower over the ground than ``fall_height`` of its height at ``reset``, or
-    tilted more than ``fall_tilt``, or anything but a sole touches the floor.
+    tilted more than ``fall_tilt``, or anything but a sole touches the floor. The ground is that under the base, or
+    under a sole where that is lower: going down stairs, the base is over the upper tread.
 
     Slip of a foot, from the pose of its sole when the foot last took load: |p_xy - p_xy,0| + |yaw - yaw_0| r, with r
     the distance from the sole's origin to the farthest corner. ``foot_slip`` is the largest since ``reset`` (2,) [m];
@@ -111,9 +112,12 @@ class PlantMonitor:
 
     def _find_fall(self) -> str:
         data = self._plant.data
-        height = self._height_over_ground()
+        height, least = self._height_over_ground(), self._config.fall_height * self._height
+        if not height >= least:
+            soles = data.site_xpos[list(self._plant.mujoco.sole_sites)]
+            height = max(height, *(self._height_over_ground(x, y) for x, y, _ in soles.tolist()))
         upright = float(data.xmat[self._plant.mujoco.base_body, 8])  # z of W along z of B
-        if not height >= self._config.fall_height * self._height:
+        if not height >= least:
             return f"base {height:.2f} m over the ground, {height / self._height:.2f} of its standing height"
         if not upright >= math.cos(self._config.fall_tilt):
             return f"base tilted by {math.degrees(math.acos(max(min(upright, 1.0), -1.0))):.0f} deg"
@@ -123,9 +127,10 @@ class PlantMonitor:
             return f"{mujoco.mj_id2name(self._plant.model, mujoco.mjtObj.mjOBJ_BODY, body)} touches the floor"
         return ""
 
-    def _height_over_ground(self) -> float:
-        x, y, z = (float(value) for value in self._plant.data.qpos[self._plant.mujoco.qpos][:3])
-        return z - self._plant.ground.height(x, y)
+    def _height_over_ground(self, x: float | None = None, y: float | None = None) -> float:
+        """Height of the base over the ground under a point of W, by default under itself [m]."""
+        base_x, base_y, z = (float(value) for value in self._plant.data.qpos[self._plant.mujoco.qpos][:3])
+        return z - self._plant.ground.height(base_x if x is None else x, base_y if y is None else y)
 
 
 class Lockstep:

@@ -21,7 +21,7 @@ from models.robot_model import RobotModel
 from models.types import ContactState, JointCommand, JointTrajectory, Mode, RobotState, SensorData
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold
-from planners.gait.route import Footstep
+from planners.gait.route import footstep_of
 
 T = TypeVar("T")
 
@@ -73,9 +73,7 @@ class ReplayedStack:
             "hold_velocity": stack.hold_velocity,
             "stop": stack.stop,
             "walk_to": lambda *hold: stack.walk_to(Foothold(*hold)),
-            "take_steps": lambda steps: stack.take_steps(
-                [Footstep(int(foot), Foothold(*hold)) for foot, *hold in steps]
-            ),
+            "take_steps": lambda steps: stack.take_steps([footstep_of(*values) for values in steps]),
         }
 
     def restore(self, start: ReplayStart) -> None:

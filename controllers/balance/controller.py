@@ -238,6 +238,7 @@ class BalanceController:
             reference.sole_positions,
             self._zero_xy if reference.cmp_offset is None else reference.cmp_offset,
             reference.momentum,
+            reference.levels,
         )
         self.whole_body.com_task.override = self._arrays.acceleration
         return self._result(*self.whole_body.step(state, reference))

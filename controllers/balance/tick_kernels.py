@@ -163,6 +163,7 @@ def feedback_tick(
     sole_positions: Array,
     shift: Array,
     momentum: float,
+    levels: tuple[float, float],
 ) -> float:
     """DCM feedback of ``BalanceController``; returns the capture margin [m].
 
@@ -172,7 +173,8 @@ def feedback_tick(
     ``left`` and ``right`` are the feet planned to bear load, both where neither is. ``rise`` is the vertical
     acceleration of the CoM reference [m/s^2], which the force at the CMP provides, too. With ``led``, ``dcm`` and
     ``dcm_velocity`` (2,) replace the horizontal part of the CoM reference. ``shift`` is that of the CMP by the planned
-    reaction of the swing leg (2,) [m]; ``momentum`` is the share of the largest reach beyond the edge [-].
+    reaction of the swing leg (2,) [m]; ``momentum`` is the share of the largest reach beyond the edge [-]. ``levels``
+    are as in ``Reference``: the pendulum's ``omega`` counts from the ground under the CoM, its force from the ZMP.
     """
     arrays = balance.record
     measured, gains = arrays.com, arrays.gains
@@ -187,7 +189,8 @@ def feedback_tick(
         for i in range(2):
             soles[stance, i, 3] += min(max(shift[i], -reach), reach)
         soles[1 - stance], corners[1 - stance] = soles[stance], corners[stance]
-    omega = np.sqrt(GRAVITY / max(measured[2] - ground, COM_HEIGHT_MIN))
+    height = max(measured[2] - ground - levels[0], COM_HEIGHT_MIN)
+    omega, over = np.sqrt(GRAVITY / height), height / max(measured[2] - ground - levels[1], COM_HEIGHT_MIN)
     position, velocity = com.copy(), com_velocity.copy()
     if led:  # the CoM reference that has this DCM and drift
         for i in range(2):
@@ -212,9 +215,9 @@ def feedback_tick(
     largest = momentum * gains[4]
     margin = cmp_command(hull, count, arrays.dcm, desired, gains[1], gains[2], gains[3], largest, arrays.cmp)
     for i in range(2):
-        arrays.acceleration[i] = omega * omega * (1.0 + rise / GRAVITY) * (measured[i] - arrays.cmp[i])
-    height, rate = position[2] - measured[2], velocity[2] - arrays.com_velocity[2]
-    arrays.acceleration[2] = rise + gains[5] * height + gains[6] * rate
+        arrays.acceleration[i] = omega * omega * (1.0 + rise / GRAVITY) * over * (measured[i] - arrays.cmp[i])
+    below, rate = position[2] - measured[2], velocity[2] - arrays.com_velocity[2]
+    arrays.acceleration[2] = rise + gains[5] * below + gains[6] * rate
     return float(margin)
 
 

@@ -12,13 +12,14 @@ from models.types import Matrix, Vector
 from planners.gait.commands import CommandState
 from planners.gait.config import GaitConfig
 from planners.gait.contact import Soles
-from planners.gait.dcm import StepModel, offset_coupling, previewed_offset, swing_allowance
+from planners.gait.dcm import StepModel, height_at_touchdown, offset_coupling, previewed_offset, swing_allowance
 from planners.gait.foot_motion import FootLimits
 from planners.gait.footsteps import (
     Feet,
     Foothold,
     Point,
     Pose,
+    clamped,
     limits_of,
     point_at,
     preview_poses,
@@ -27,7 +28,7 @@ from planners.gait.footsteps import (
 )
 from planners.gait.measurement import Measurement
 from planners.gait.pace import Pace
-from planners.gait.reaction import Body, SwingLeg, SwingMotion, rest_of_swing
+from planners.gait.reaction import Body, SwingLeg, rest_of_swing
 from planners.gait.regions import (
     NOWHERE,
     URGENT_REGIONS,
@@ -40,8 +41,13 @@ from planners.gait.regions import (
     region_boxes,
     region_limits,
 )
+from planners.gait.route import Footstep
 from planners.gait.step_problem import UNSOLVED, StepProblem, Weights, best_step, weights_of
-from planners.gait.swing import SwingState, Via
+from planners.gait.swing import SwingMotion, SwingState, Via
+from planners.gait.tread import bounds_in
+
+_HURRY = 0.7  #: Shortest single support of a swing to a known height, as a share of its nominal one [-]
+_ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
 
 
 class Walk(Struct, frozen=True):
@@ -54,6 +60,13 @@ class Walk(Struct, frozen=True):
     pace: Pace  #: Of this and the coming steps
     omega: float  #: Of the pendulum [1/s]
     urgent: bool = False
+    levels: Point = (0.0, 0.0)  #: Known heights of both feet before the step, left and right [m]
+    landing: Footstep | None = None  #: Known foothold that the foot is on its way to, whatever the command is now
+
+    @property
+    def rise(self) -> float:
+        """Known height of the stance above the place that the swing foot left [m]."""
+        return self.levels[1 - self.foot] - self.levels[self.foot]
 
 
 class PlannedStep(Struct, frozen=True):
@@ -127,10 +140,16 @@ class StepPlanner:
     def nominal(self, walk: Walk) -> tuple[Foothold, Vector]:
         """Next foothold, and the DCM offset at its touchdown in W (2,) [m]."""
         poses = self._coming(walk)
-        x, y, yaw = poses[1].tolist()
+        x, y, yaw, rise = poses[1].tolist()
         ends = walk.command.steps_left is not None
         offset = _nominal_offset(self._setup, poses, walk.foot, ends, walk.omega, walk.pace)
-        return Foothold(x, y, yaw, walk.stance.z), np.array(offset)
+        return Foothold(x, y, yaw, walk.stance.z + rise), np.array(offset)
+
+    def height_at_touchdown(self, walk: Walk) -> float:
+        """Known height of the vertical DCM at the coming touchdown, on the scale of ``walk.levels`` [m]."""
+        ends = walk.command.steps_left is not None
+        height = height_at_touchdown(self._coming(walk), ends, walk.omega, walk.pace)
+        return walk.levels[1 - walk.foot] + height
 
     def missed(self, holds: Feet, foot: int, dcm: Vector, omega: float) -> float:
         """Distance by which a quick step of a foot from standing misses a DCM (2,) [m]; see ``regions.missed``."""
@@ -143,7 +162,7 @@ class StepPlanner:
         """DCM at which the coming single support begins (2,) [m]."""
         ends, liftoff = walk.command.steps_left is not None, walk.liftoff.pose
         poses, pace = self._coming(walk), walk.pace
-        return np.array(_start_of_single(self._setup, poses, walk.foot, ends, walk.omega, pace, liftoff))
+        return np.array(_start_of_single(self._setup, poses, walk.foot, ends, walk.omega, pace, liftoff, walk.rise))
 
     def adjust(
         self, walk: Walk, measured: Measurement, elapsed: float, step: PlannedStep, swing: SwingState
@@ -155,10 +174,9 @@ class StepPlanner:
         """
         config, poses, omega, dcm = self._config, self._coming(walk), walk.omega, measured.dcm(walk.omega)
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
-        soonest = max(single_min, elapsed + config.swing.freeze)
+        soonest = max(single_min, elapsed + config.swing.freeze, _HURRY * walk.command.route.swing)
         latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
-        target = step.hold.x, step.hold.y
-        motion = swing.motion, swing.floor, swing.clearance, swing.duration, swing.braking, target
+        motion, room = swing.towards(step.hold.x, step.hold.y), self._room(walk)
         body = measured.com, measured.com_velocity
         own, lead = (Region.URGENT, config.swing.urgent_lead) if walk.urgent else (Region.OWN, 0.0)
         last, best, least = step.region if step.region.crossing else own, None, math.inf
@@ -170,7 +188,7 @@ class StepPlanner:
             at = _Underway(walk.foot, region, kept, ends, omega, elapsed, step.time, soonest, latest, lead)
             z = np.empty(5)
             for _ in range(2):  # straight, then round the stance foot where it is in the way
-                value = _best_of_region(self._setup, poses, at, walk.pace, dcm, motion, body, corner, z)
+                value = _best_of_region(self._setup, poses, at, walk.pace, dcm, motion, body, corner, room, z)
                 blocked, missed = _judge(self._setup, at, z)
                 if math.isnan(blocked[0]) or not math.isnan(corner[0]):
                     break
@@ -183,7 +201,8 @@ class StepPlanner:
         region, z, solved, corner = best
         end = np.empty(2)
         x, y = _foothold_of(self._setup, poses, walk.foot, omega, walk.pace, z, end)
-        hold, time = Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega
+        height = walk.stance.z + float(poses[1, 3])
+        hold, time = Foothold(x, y, float(poses[1, 2]), height), math.log(z[2]) / omega
         via = None
         if not math.isnan(corner[0]):
             before, passed = step.via if step.region is region else None, elapsed + lead
@@ -191,14 +210,27 @@ class StepPlanner:
             via = swing.via(walk.stance.moved(*corner), (hold.x, hold.y), elapsed, left, before, config.swing.freeze)
         return PlannedStep(hold, time, end, solved, region, via, least)
 
+    def _room(self, walk: Walk) -> Matrix:
+        """Least and largest place of the swing sole on its tread in the stance frame (2, 2) [m]."""
+        return bounds_in(walk.stance, walk.landing.hold, walk.landing.tread) if walk.landing else _ANYWHERE
+
     def _coming(self, walk: Walk) -> Matrix:
-        """The present stance and the coming footholds, each x, y [m] and heading [rad] in W (1 + steps, 3)."""
-        count, command = self._config.preview, walk.command
+        """The present stance and the coming footholds (1 + steps, 4).
+
+        Each x, y [m] and heading [rad] in W, and known height above the stance [m].
+        """
+        count, command, stance, level = self._config.preview, walk.command, walk.stance, walk.levels[1 - walk.foot]
         if command.route.steps:
-            steps = command.route.ahead(walk.stance, count, self._limits)
-            return np.array([walk.stance.pose, *(step.pose for step in steps)])
-        period, steps_left = walk.pace.period, command.steps_left
-        return preview_poses(walk.stance, walk.foot, command.velocity, period, self._bounds, count, steps_left)
+            steps = command.route.ahead(stance, count, self._limits, level)
+            return np.array([(*stance.pose, 0.0), *((*step.pose, step.z - stance.z) for step in steps)])
+        period, velocity, left = walk.pace.period, command.velocity, command.steps_left
+        if walk.landing is None:
+            return preview_poses(stance, walk.foot, velocity, period, self._bounds, count, left)
+        first = clamped(stance, walk.foot, *walk.landing.hold.pose, self._limits)
+        after = None if left is None else max(left - 1, 1)
+        poses = preview_poses(first, 1 - walk.foot, velocity, period, self._bounds, count - 1, after)
+        poses[:, 3] = walk.landing.hold.z - level
+        return np.vstack([(*stance.pose, 0.0), poses])
 
 
 @njit(cache=True)
@@ -209,16 +241,19 @@ def _nominal_offset(setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool
 
 @njit(cache=True)
 def _start_of_single(
-    setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace, liftoff: Pose
+    setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace, liftoff: Pose, rise: float
 ) -> Point:
-    """``StepPlanner.start_of_single``; arguments as for ``previewed_offset``, ``liftoff`` of the swing foot."""
+    """``StepPlanner.start_of_single``; arguments as for ``previewed_offset``.
+
+    ``liftoff`` of the swing foot is below the stance by a known ``rise`` [m].
+    """
     model = setup.record.model
     stance_centre, centre, yaw = model.points[1 - foot], model.points[foot], poses[0, 2]
     x, y = point_at(poses[0, 0], poses[0, 1], yaw, stance_centre[0], stance_centre[1])
     first = point_at(liftoff[0], liftoff[1], liftoff[2], centre[0], centre[1])
     last = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
     offset = previewed_offset(poses, foot, ends, omega, pace, model)
-    swing = swing_allowance(omega, (last[0] - first[0], last[1] - first[1]), yaw, pace, model)
+    swing = swing_allowance(omega, (last[0] - first[0], last[1] - first[1]), yaw, pace, model, rise + poses[1, 3])
     decay = math.exp(-omega * pace.single)
     return x + decay * (last[0] + offset[0] - x) + swing[0], y + decay * (last[1] + offset[1] - y) + swing[1]
 
@@ -233,12 +268,13 @@ def _best_of_region(
     swing: SwingMotion,
     body: Body,
     corner: Point,
+    room: Matrix,
     z: Vector,
 ) -> float:
     """``best_step`` of a step under way in a region, in the stance frame, and its nominal step.
 
     ``poses`` are those of ``previewed_offset``, ``measured`` is the DCM in W (2,) [m]; ``corner`` is that of
-    ``corner_between``.
+    ``corner_between``, ``room`` bounds the foothold in the stance frame (2, 2) [m].
     """
     fixed, nominal = setup.record, setup.record.nominal
     model, motion = fixed.model, swing[0]
@@ -264,7 +300,10 @@ def _best_of_region(
         shift = zmp[i] - hold[i] - stance_centre[i]
         nominal.step[i], nominal.shift[i], nominal.offset[i] = hold[i] + shift, shift, offset[i]
         dcm_free[i], end[i] = free[i], turned[i]
-        lower[i], upper[i] = reach[0, i] + shift, reach[1, i] + shift
+        least, most = max(reach[0, i], room[0, i]), min(reach[1, i], room[1, i])
+        if least > most:  # out of reach: as near as it gets
+            least = most = min(max(room[0, i], reach[0, i]), reach[1, i])
+        lower[i], upper[i] = least + shift, most + shift
         at = corner[i] if rounds else swing_place[i]
         place[i] = at + shift
         nominal.dcm[i], nominal.place[i] = free[i], swing_place[i]

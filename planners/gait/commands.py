@@ -12,7 +12,7 @@ from models.types import STILL, Velocity
 from planners.gait.config import GaitConfig, VelocityConfig
 from planners.gait.footsteps import LEFT, RIGHT, Foothold
 from planners.gait.pace import velocity_within
-from planners.gait.route import Footstep, Route, check_footsteps, plan_to_pose, route_of
+from planners.gait.route import Footstep, Route, check_footsteps, plan_to_pose, route_of, route_over
 
 
 class VelocityCommand:
@@ -126,10 +126,14 @@ class Commands:
             steps.insert(0, current)
         return structs.replace(state, route=route_of(steps, goal), target=STILL, velocity=STILL)
 
-    def take_steps(self, state: CommandState, steps: Sequence[Footstep], soles: Sequence[Foothold]) -> CommandState:
-        """Begin listed footsteps; see ``check_footsteps`` for refusals."""
+    def take_steps(
+        self, state: CommandState, steps: Sequence[Footstep], soles: Sequence[Foothold], levels: Sequence[float]
+    ) -> CommandState:
+        """Begin listed footsteps from soles of these known ``levels`` [m]; see ``check_footsteps`` for refusals."""
         check_footsteps(steps, soles, self._config)
-        return structs.replace(state, route=route_of(steps), target=STILL, velocity=STILL)
+        stance = 1 - steps[0].foot
+        route = route_over(steps, soles, soles[stance].z - levels[stance], self._config)
+        return structs.replace(state, route=route, target=STILL, velocity=STILL)
 
     def advance(self, state: CommandState, stepping: bool, dt: float, longest: float = math.inf) -> CommandState:
         """Advance the velocity by dt [s]; while ``stepping``, count down the last two steps after a command of zero.

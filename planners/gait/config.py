@@ -82,6 +82,7 @@ class ReachConfig:
     backward: Positive  #: Largest step behind the stance foot [m]
     turn_out: Positive  #: Largest turn of a sole outwards from the stance sole [rad]
     turn_in: NonNegative  #: Largest turn of a sole inwards [rad]
+    rise: Positive  #: Largest known height of a foothold above or below the stance foot [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -110,6 +111,9 @@ class SwingConfig:
     speed_share: Positive  #: The same as a share of what the limits of the joints give the foot [-]
     urgent_lead: NonNegative  #: By how much earlier an urgent step aims to touch down [s]
     freeze: Positive  #: Time before touchdown at which the target is frozen [s]
+    edge: Positive  #: Least distance of the sole on a known foothold from an edge on its way there [m]
+    edge_clearance: Positive  #: Height of the sole over such an edge: on its way up the toe hangs [m]
+    lift_acceleration: Positive  #: Largest vertical acceleration of a nominal swing to a known height [m/s^2]
     rise_step: NonNegative  #: Largest change between landings of the expected landing height [m]
     rise_max: NonNegative  #: Largest expected height over the stance sole's plane [m]
     tilt_time: Positive  #: Time constant of its turn to the slope expected at landing [s]

@@ -13,6 +13,7 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig, LiftConfig
 from planners.gait.footsteps import (
+    LEFT,
     Feet,
     Foothold,
     Place,
@@ -26,6 +27,7 @@ from planners.gait.footsteps import (
     wrap,
 )
 from planners.gait.measurement import Measurement
+from planners.gait.route import Footstep
 
 
 class AnchorLimits(NamedTuple):
@@ -46,6 +48,8 @@ class SoleState(Struct, frozen=True):
     rise: tuple[float, float]  # expected height of each foot's landing above the plane of the stance sole [m]
     samples: Matrix  # slopes of the last soles in single support, oldest first (n, 2) [-]
     measured: Feet  # soles of the last tick
+    levels: Point = (0.0, 0.0)  # known height of the ground under each foot [m]; that under the stance foot if felt
+    landing: Footstep | None = None  # of the foot in the air, if its height is known; on the scale of ``levels``
 
     def ground(self) -> float:
         """Mean height [m]."""
@@ -119,9 +123,14 @@ class Soles:
 
         The plane of the expected slope through the stance sole, and as far above or below it as at the last landings:
         errors of the estimated inclination and of encoder offsets make a foot land early or late in the same way at
-        every step.
+        every step. Where the ground is known, it takes the place of that plane.
         """
-        return _plane(soles.slope, foot, soles.holds[foot], measured) + soles.rise[foot]
+        return _ground(soles, foot, soles.holds[foot], measured) + soles.rise[foot]
+
+    def expected_slope(self, soles: SoleState) -> Vector:
+        """Slope of the ground on which the foot in the air lands (2,) [-]."""
+        known = None if soles.landing is None else soles.landing.tread
+        return soles.slope if known is None else np.array(known.slope)
 
     def landed(self, soles: SoleState, foot: int, measured: Measurement, *, flat: bool = True) -> SoleState:
         """After the touchdown of a foot, at its measured place.
@@ -131,7 +140,7 @@ class Soles:
         is ``flat``: on an edge, the expected slope is taken for its own.
         """
         config, sole = self._config.swing, measured.soles[foot]
-        surprise = sole.z - _plane(soles.slope, foot, sole, measured) - soles.rise[foot]
+        surprise = sole.z - _ground(soles, foot, sole, measured) - soles.rise[foot]
         followed = soles.rise[foot] + min(max(surprise, -config.rise_step), config.rise_step)
         rise = min(max(followed, -config.rise_max), config.rise_max)
         tilts = soles.tilts.copy()
@@ -144,6 +153,7 @@ class Soles:
             rise=(rise, soles.rise[1]) if foot == 0 else (soles.rise[0], rise),
             samples=samples,
             measured=soles.measured,
+            levels=_with_level(soles.levels, foot, _known_level(soles, foot)),
         )
 
     def standing_on(self, soles: SoleState, stance: int, measured: Measurement) -> SoleState:
@@ -180,7 +190,7 @@ class Soles:
             tilts,
         )
         holds = Foothold(*first), Foothold(*second)
-        return SoleState(holds, tilts, soles.slope, soles.rise, soles.samples, measured.soles), drift
+        return structs.replace(soles, holds=holds, tilts=tilts, measured=measured.soles), drift
 
 
 @njit(cache=True)
@@ -232,6 +242,23 @@ def _standing_box(left: Pose, right: Pose, dcm: Vector, centres: Matrix, half: M
     apart = relative_to(x, y, yaw, first[0], first[1])
     size = (half[0, 0] + abs(apart[0]), half[0, 1] + abs(apart[1]))
     return relative_to(x, y, yaw, dcm[0], dcm[1]), size
+
+
+def _known_level(soles: SoleState, foot: int) -> float:
+    """Known height of the ground on which a foot lands [m]."""
+    return soles.levels[1 - foot] if soles.landing is None else soles.landing.hold.z
+
+
+def _with_level(levels: Point, foot: int, level: float) -> Point:
+    return (level, levels[1]) if foot == LEFT else (levels[0], level)
+
+
+def _ground(soles: SoleState, foot: int, hold: Foothold, measured: Measurement) -> float:
+    """Height of the ground at a foothold: that of its tread above the other sole, or of the expected slope [m]."""
+    landing = soles.landing
+    if landing is None or landing.tread is None:
+        return _plane(soles.slope, foot, hold, measured)
+    return measured.soles[1 - foot].z + landing.tread.height(landing.hold, hold.x, hold.y) - soles.levels[1 - foot]
 
 
 def _plane(slope: Vector, foot: int, hold: Foothold, measured: Measurement) -> float:

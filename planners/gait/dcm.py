@@ -23,7 +23,8 @@ from models.numerics.unboxed import Unboxed
 from models.types import Matrix, Vector
 from planners.gait.footsteps import Point, point_at
 from planners.gait.pace import Pace
-from planners.gait.reaction import Body, SwingLeg, SwingMotion, cmp_offset, rest_of_swing, swing_slope, whole_swing
+from planners.gait.reaction import Body, SwingLeg, cmp_offset, rest_of_swing, swing_slope, whole_swing
+from planners.gait.swing import SwingMotion
 
 
 class StepModel(NamedTuple):
@@ -69,16 +70,17 @@ def touchdown_offset(
 
 
 @register_jitable
-def swing_allowance(omega: float, way: Point, yaw: float, pace: Pace, step: StepModel) -> Point:
+def swing_allowance(omega: float, way: Point, yaw: float, pace: Pace, step: StepModel, rise: float) -> Point:
     """DCM that the coming swing will use up, in W [m]; see ``whole_swing``."""
-    return whole_swing(omega, pace, way, yaw, step.leg)
+    return whole_swing(omega, pace, way, yaw, step.leg, rise)
 
 
 @register_jitable
 def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace, step: StepModel) -> Point:
     """DCM offset at the coming touchdown from the next ZMP point, in W [m]; ``foot`` swings first.
 
-    ``poses`` are the stance and the coming footholds (1 + steps, 3); with ``ends``, the last step ends the walk.
+    ``poses`` are the stance and the coming footholds, x, y, heading, and known height above the stance (1 + steps, 4);
+    with ``ends``, the last step ends the walk.
     """
     count = poses.shape[0]
     points, swings = np.empty((count, 2)), np.empty((count - 2, 2))
@@ -87,9 +89,30 @@ def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, pace: P
         points[i, 0], points[i, 1] = point_at(poses[i, 0], poses[i, 1], poses[i, 2], centre[0], centre[1])
     for i in range(count - 2):
         way = points[i + 2, 0] - points[i, 0], points[i + 2, 1] - points[i, 1]
-        swings[i, 0], swings[i, 1] = swing_allowance(omega, way, poses[0, 2], pace, step)
+        rise = poses[i + 2, 3] - poses[i, 3]
+        swings[i, 0], swings[i, 1] = swing_allowance(omega, way, poses[0, 2], pace, step, rise)
     final = 0.5 * (points[count - 1] + points[count - 2]) if ends else points[count - 1]
     return touchdown_offset(points, swings, omega, pace.single, pace.double, final)
+
+
+@njit(cache=True)
+def height_at_touchdown(poses: Matrix, ends: bool, omega: float, pace: Pace) -> float:
+    r"""Vertical DCM at the coming touchdown above that over the stance foot, by known heights [m].
+
+    Vertically, too, the DCM runs away from the foot that bears: :math:`\xi_z' = \omega (\xi_z - z_i)`, so the same
+    recursion holds. The CoM that converges to it rises as it goes ahead, with the same constant ``omega``:
+    ``(g + z'') / (z - z_i)`` is ``omega^2``, and its force passes through the ZMP.
+
+    References:
+        Englsberger, Ott, Albu-Schaeffer (2015), section III: DCM and virtual repellent point in three dimensions.
+    """
+    last = poses.shape[0] - 1
+    points, final = np.zeros((last + 1, 2)), np.zeros(2)
+    for i in range(last + 1):
+        points[i, 0] = poses[i, 3]
+    final[0] = 0.5 * (poses[last, 3] + poses[last - 1, 3]) if ends else poses[last, 3]
+    offset = touchdown_offset(points, np.zeros((last, 2)), omega, pace.single, pace.double, final)
+    return float(poses[1, 3] + offset[0])
 
 
 @register_jitable

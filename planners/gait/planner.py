@@ -18,7 +18,7 @@ from planners.gait.ankle import AnkleStops
 from planners.gait.commands import Commands, CommandState, exceeded
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneDetector, Soles
-from planners.gait.dcm import DcmState, single_support
+from planners.gait.dcm import DcmState, double_support, single_support
 from planners.gait.footing import FLAT, Footing
 from planners.gait.footsteps import Feet, Foothold, Point, clamped, replaced, wrap
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Ground, Measurement, filtered_dcm_rate
@@ -158,7 +158,8 @@ class GaitPlanner:
         """Take footsteps from standing, and stand there; ``CommandError`` while walking, else as their check."""
         if self.walking:
             raise CommandError("footsteps refused: they start from a standing robot, and it is walking; stop it")
-        self.state.command = self._commands.take_steps(self.state.command, steps, self.footholds)
+        command, soles = self.state.command, self.state.soles
+        self.state.command = self._commands.take_steps(command, steps, soles.holds, soles.levels)
 
     def step(
         self, state: RobotState, dt: float, rest: Rest | None = None, motion: Unboxed[BodyMotion] | None = None
@@ -206,14 +207,15 @@ class GaitPlanner:
             cmp_offset = None
         elif cmp_offset is None:  # the foot has just lifted
             _, cmp_offset = self._single_support()
+        slope = self._soles.expected_slope(gait.soles)
         gait.footing = self._footing.update(
-            gait.footing, measured, swinging, gait.soles.slope, dt, urgent=gait.step.urgent, toe_off=gait.toe_off
+            gait.footing, measured, swinging, slope, dt, urgent=gait.step.urgent, toe_off=gait.toe_off
         )
         if swinging is not None and gait.step.urgent:
             stance = 1 - swinging
             areas = self._stops.on_edge(stance, state, measured.cops[stance], gait.footing.areas)
             gait.footing = structs.replace(gait.footing, areas=areas)
-        loads, gait.body = self._loads(), self._builder.advance_body(gait, dt)
+        loads, gait.body = self._loads(), self._builder.advance_body(gait, self._relief_dcm(), self._omega(), dt)
         if gait.phase is GaitPhase.STAND and rest is not None and rest.standing is not None:
             return structs.replace(rest.standing, sole_areas=gait.footing.areas)
         return self._builder.build(gait, loads, cmp_offset)
@@ -308,7 +310,7 @@ class GaitPlanner:
         # The foot of an urgent step lags behind its reference; a late landing is worse than an early one.
         lead = config.swing.urgent_lead if urgent else 0.0
         duration = gait.step.time - lead
-        slope, via, effort = gait.soles.slope, gait.step.via, gait.pace.least_effort
+        slope, via, effort = self._soles.expected_slope(gait.soles), gait.step.via, gait.pace.least_effort
         gait.swing = self._swing.step(swing, pose, slope, elapsed, duration, dt, via, effort, target_velocity)
         gait.dcm, cmp_offset = self._single_support()
         if measured.active[foot] and elapsed > config.timing.landing_from * gait.step.time:
@@ -322,8 +324,7 @@ class GaitPlanner:
         """
         gait, measured = self.state, self.state.measured
         target, left = gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
-        foot = gait.swing
-        swing = foot.motion, foot.floor, foot.clearance, foot.duration, foot.braking, (target.x, target.y)
+        swing = gait.swing.towards(target.x, target.y)
         point, body, out = self._stance_point(), (measured.com, measured.com_velocity), np.empty((3, 2))
         single_support(point, gait.step.touchdown, self._omega(), left, swing, body, self._leg, out)
         moving = min(max(1.0 + left / self.config.swing.late_time, 0.0), 1.0)
@@ -344,7 +345,24 @@ class GaitPlanner:
 
     def _walk(self, liftoff: Foothold) -> Walk:
         gait, stance, hold = self.state, self.stance, self.footholds[self.stance]
-        return Walk(hold, 1 - stance, liftoff, gait.command, gait.pace, self._omega(), gait.step.urgent)
+        soles, urgent, omega = gait.soles, gait.step.urgent, self._omega()
+        return Walk(hold, 1 - stance, liftoff, gait.command, gait.pace, omega, urgent, soles.levels, soles.landing)
+
+    def _relief_dcm(self) -> float:
+        """Vertical DCM by the known heights of the coming footholds [m]."""
+        gait, levels, omega = self.state, self.state.soles.levels, self._omega()
+        felt = levels[0] == levels[1] and gait.soles.landing is None and not gait.command.route.known
+        if felt or not gait.phase.stepping:
+            return 0.5 * (levels[0] + levels[1])
+        level, end = levels[gait.stance], self._plan.height_at_touchdown(self._walk(gait.step.liftoff))
+        if gait.phase is GaitPhase.SINGLE:
+            return level + math.exp(-omega * max(gait.step.time - gait.elapsed, 0.0)) * (end - level)
+        end = level + math.exp(-omega * gait.pace.single) * (end - level)
+        if gait.phase is GaitPhase.START:
+            return end
+        elapsed, old = gait.elapsed - gait.early, levels[1 - gait.stance]
+        first, last, then = (np.array((height, 0.0)) for height in (old, level, end))
+        return float(double_support(first, last, then, omega, elapsed, gait.step.double)[0][0])
 
     def _lift(self) -> None:
         """The swing foot leaves the floor at its measured place, from its edge as it turns."""
@@ -361,10 +379,16 @@ class GaitPlanner:
             region=Region.OWN,
             via=None,
         )
-        nominal, _ = self._plan.nominal(self._walk(sole))
+        landing = gait.command.route.steps[0] if gait.command.route.known else None
+        gait.soles = structs.replace(gait.soles, landing=landing)
+        walk = self._walk(sole)
+        nominal, _ = self._plan.nominal(walk)
+        rise = walk.rise + nominal.z - walk.stance.z
         gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))
         tilt, trips, target, pace = gait.soles.tilts[foot], gait.swing.trips, (nominal.x, nominal.y), gait.pace
-        gait.swing = self._swing.lift(pose, pace.clearance, single, tilt, trips, target, toe_off, pace.least_effort)
+        gait.swing = self._swing.lift(
+            pose, pace.clearance, single, tilt, trips, target, toe_off, pace.least_effort, rise
+        )
         self._adjust(0.0)
 
     def _adjust(self, elapsed: float) -> None:
@@ -391,6 +415,9 @@ class GaitPlanner:
         limits = self._regions[gait.step.region]
         x, y = target.x + float(run[0]), target.y + float(run[1])
         shifted = clamped(holds[gait.stance], foot, x, y, target.yaw, limits)
+        landing = gait.soles.landing
+        if landing is not None:
+            shifted = landing.kept(shifted)
         way = shifted.x - target.x, shifted.y - target.y
         gait.step = structs.replace(gait.step, touchdown=gait.step.touchdown + np.array(way))
         hold = Foothold(shifted.x, shifted.y, shifted.yaw, target.z)
@@ -532,7 +559,9 @@ class GaitPlanner:
         gait.urgency = max(urgency_after(gait.urgency, self._dcm_error(), dt, config), lost)
         velocity = gait.command.velocity
         share = self.config.route.pace if gait.command.route.steps else share_of(velocity, config)
-        gait.pace = pace_at(max(share, share_within(velocity, longest, config)), config, gait.urgency)
+        pace = pace_at(max(share, share_within(velocity, longest, config)), config, gait.urgency)
+        least = gait.command.route.swing if gait.command.route.steps else 0.0
+        gait.pace = pace._replace(single=least) if least > pace.single else pace
 
     @property
     def must_step(self) -> bool:
@@ -567,5 +596,6 @@ class GaitPlanner:
         for dt in (self.config.timing.start, self.config.timing.start, self.config.timing.adjust_period):
             self.step(robot, dt)
         self._swing.detect_trip(at_rest.swing, 0.0, 0.0, 0.0, 1.0, 1.0)  # not reached: the step is urgent
+        self._plan.height_at_touchdown(self._walk(at_rest.step.liftoff))
         at_rest.dcm.in_double(at_rest.dcm.old, at_rest.dcm.old, self._omega(), -1.0, 1.0)  # not reached either
         return at_rest

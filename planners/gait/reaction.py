@@ -38,11 +38,9 @@ from models.types import Matrix, Vector
 from planners.gait.footing import SoleEdges, turn_at_lift_off, turned_about
 from planners.gait.footsteps import Point
 from planners.gait.pace import Pace
-from planners.gait.swing import YAW, SwingShape, Z, end_acceleration
+from planners.gait.swing import YAW, SwingMotion, SwingShape, Z, end_acceleration
+from planners.gait.tread import clearance_over, swing_shares
 
-#: The swing under way: motion of the foot, see ``SwingState`` (3, 4), its height at lift-off [m], clearance [m], time
-#: from lift-off to touchdown [s], acceleration at touchdown [m/s^2] and target [m] in W
-SwingMotion = tuple[Matrix, float, float, float, Point, Point]
 Body = tuple[Vector, Vector]  #: CoM [m] and its velocity [m/s] in W, each (3,)
 
 # Gauss-Legendre on [0, 1]
@@ -78,9 +76,11 @@ class SwingLeg(NamedTuple):
 
 @register_jitable
 def _allowance(
-    omega: float, left: float, rise: float, foot: Vector, ahead: float, drift: float, lever: LegLever
+    omega: float, left: float, rise: float, waits: Point, foot: Vector, ahead: float, drift: float, lever: LegLever
 ) -> tuple[float, float]:
     """``d`` along the heading and sideways [m], ``left`` and ``rise`` [s] before touchdown and apex of the swing.
+
+    ``waits`` are the times for which the foot does not go along or sideways, from now on and before the touchdown [s].
 
     ``foot`` (16,) is position, velocity, acceleration along the heading, sideways, up; way to go along the heading and
     sideways; heights of apex and landing; velocity at landing; acceleration there along and sideways. ``ahead`` is the
@@ -91,6 +91,7 @@ def _allowance(
     v_end, ax_end, ay_end = foot[13], foot[14], foot[15]
     rising = 0.0 < rise < left
     middle = rise if rising else 0.0
+    moving = left - waits[0] - waits[1]
     integral, side = 0.0, 0.0
     for part in range(2):
         begin, span = (0.0, middle) if part == 0 else (middle, left - middle)
@@ -99,7 +100,8 @@ def _allowance(
         for i in range(4):
             t = begin + _NODES[i] * span
             weight = _WEIGHTS[i] * span * math.exp(-omega * t)
-            px = quintic_step(0.0, x[1], x[2], (x_end, 0.0, ax_end), left, t)[0]
+            gone = min(max(t - waits[0], 0.0), moving)
+            px = quintic_step(0.0, x[1], x[2], (x_end, 0.0, ax_end), moving, gone)[0]
             if part == 0:
                 pz = quintic_step(z[0], z[1], z[2], (top, 0.0, 0.0), middle, t)[0]
             elif rising:
@@ -108,7 +110,7 @@ def _allowance(
                 pz = quintic_step(z[0], z[1], z[2], (floor, v_end, 0.0), left, t)[0]
             before = ahead + px - drift * t
             integral += weight * (lever.lever * px + 0.5 * lever.slope * before * before + lever.lift * pz)
-            side += weight * lever.side * quintic_step(0.0, y[1], y[2], (y_end, 0.0, ay_end), left, t)[0]
+            side += weight * lever.side * quintic_step(0.0, y[1], y[2], (y_end, 0.0, ay_end), moving, gone)[0]
     decay = math.exp(-omega * left)
     last = ahead + x_end - drift * left
     first = 0.5 * lever.slope * ahead * ahead + lever.lift * z[0]
@@ -120,34 +122,43 @@ def _allowance(
 
 
 @register_jitable
-def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg) -> Point:
-    """``d`` at the lift-off of a step of a steady walk, in W [m]; ``way`` is the foot's displacement [m]."""
+def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg, rise: float = 0.0) -> Point:
+    """``d`` at the lift-off of a step of a steady walk, in W [m].
+
+    ``way`` is the foot's displacement, ``rise`` the known height of its target above that at lift-off [m].
+    """
     shape, lever, edges = leg
     c, s, turned = math.cos(yaw), math.sin(yaw), np.empty((3, 2))
     foot = np.zeros(16)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
+    clearance = clearance_over(rise, pace.clearance, shape.edge_clearance)
+    length, early = math.hypot(way[0], way[1]), shape.freeze / pace.single
+    shares = swing_shares(rise, clearance, length, shape.apex, shape.edge, early)
+    apex, waits = shares[0] * pace.single, (shares[1] * pace.single, shares[2] * pace.single)
     for i in range(2):
-        foot[14 + i] = end_acceleration(foot[9 + i], pace.single, pace.least_effort)
+        foot[14 + i] = end_acceleration(foot[9 + i], pace.single - waits[0] - waits[1], pace.least_effort)
         foot[2 + 3 * i] = -foot[14 + i]
     edge, angle, rate, acceleration = turn_at_lift_off(0.5 * foot[9], pace.toe_off, pace.double, edges)
     turned_about(edge, angle, rate, acceleration, turned)
     for i in range(3):
         foot[6 + i] = turned[i, 1]
     foot[1], foot[2] = turned[1, 0], foot[2] + turned[2, 0]
-    foot[11], foot[12], foot[13] = pace.clearance, 0.0, -shape.landing_velocity
+    foot[11], foot[12], foot[13] = max(rise, 0.0) + clearance, rise, -shape.landing_velocity
     drift = 0.5 * foot[9] / (pace.single + pace.double)
     ahead = 0.5 * (drift * pace.single - foot[9])  # as far behind at lift-off as ahead at touchdown
     foot[9], ahead = foot[9] - turned[0, 0], ahead + turned[0, 0]
-    x, y = _allowance(omega, pace.single, shape.apex * pace.single, foot, ahead, drift, lever)
+    x, y = _allowance(omega, pace.single, apex, waits, foot, ahead, drift, lever)
     return c * x - s * y, s * x + c * y
 
 
 @register_jitable
 def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg: SwingLeg) -> Point:
     """``d``: DCM that the rest of the swing, ``left`` [s] before touchdown, uses up, in W [m]."""
-    (motion, floor, clearance, duration, braking, target), (com, com_velocity), (shape, lever, _) = swing, body, leg
+    (motion, heights, shares, duration, braking, target), (com, com_velocity), (shape, lever, _) = swing, body, leg
     left = max(left, shape.freeze)  # the last moments are stretched, see swing.py
-    rise = left - (1.0 - shape.apex) * duration
+    rise = left - (1.0 - shares[0]) * duration
+    settle = min(shares[2] * duration, left - shape.freeze)
+    wait = min(max(left - (1.0 - shares[1]) * duration, 0.0) if shares[1] > 0.0 else 0.0, left - settle - shape.freeze)
     if rise <= shape.freeze:
         rise = 0.0
     foot, place = np.zeros(16), motion[0]
@@ -157,11 +168,11 @@ def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg
         foot[k], foot[3 + k], foot[6 + k] = c * x + s * y, c * y - s * x, motion[k, Z]
     way_x, way_y = target[0] - place[0], target[1] - place[1]
     foot[9], foot[10] = c * way_x + s * way_y, c * way_y - s * way_x
-    foot[11], foot[12], foot[13] = floor + clearance, floor, -shape.landing_velocity
+    foot[11], foot[12], foot[13] = heights[0], heights[1], -shape.landing_velocity
     foot[14], foot[15] = c * braking[0] + s * braking[1], c * braking[1] - s * braking[0]
     ahead = c * (place[0] - com[0]) + s * (place[1] - com[1])
     drift = c * com_velocity[0] + s * com_velocity[1]
-    x, y = _allowance(omega, left, rise, foot, ahead, drift, lever)
+    x, y = _allowance(omega, left, rise, (wait, settle), foot, ahead, drift, lever)
     return c * x - s * y, s * x + c * y
 
 

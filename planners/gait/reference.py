@@ -50,29 +50,47 @@ class ReferenceBuilder:
         self.under = np.array([sole - data.com[0][:2] for sole in soles])
         self._upright = np.array([data.oMi[1].rotation, torso.rotation])  # of base and torso (2, 3, 3)
 
-    def advance_body(self, state: GaitState, dt: float) -> BodyState:
-        """Height of the body, and of the ground under it, after one tick."""
+    def advance_body(self, state: GaitState, relief: float, omega: float, dt: float) -> BodyState:
+        """Height of the body, and of the ground under it, after one tick.
+
+        ``relief`` is the known height of the vertical DCM now [m], ``omega`` that of the pendulum [1/s].
+        """
         config, (left, right) = self._config, state.soles.holds
+        levels = self._levels(state)
         swinging = 1 - state.stance if state.phase is GaitPhase.SINGLE else -1
         if state.phase is GaitPhase.STAND and state.rest is not None:
             height = state.rest.height
         else:
-            height = self.standing_height - (0.0 if state.phase.resting else state.pace.crouch)
+            crouch = max(state.pace.crouch, state.command.route.crouch if state.command.route.steps else 0.0)
+            height = self.standing_height - (0.0 if state.phase.resting else crouch)
             com, leg, yaw = state.measured.com, config.leg, mean_heading(left.yaw, right.yaw)
             lean, places = config.lean_urgent if state.step.urgent else 0.5, ((left.x, left.y), (right.x, right.y))
-            reach = height_in_reach(places, self.under, swinging, com, lean, yaw, leg, self.standing_height)
+            over = levels[0] - state.body.relief[0], levels[1] - state.body.relief[0]
+            reach = height_in_reach(places, over, self.under, swinging, com, lean, yaw, leg, self.standing_height)
             height = min(height, reach)
         step = config.height_rate * dt
         drop = config.drop_rate_urgent if state.step.urgent else config.drop_rate
         before, rates = state.body, (-drop, config.height_rate)
         height, rate = approach(before.height, before.rate, height, rates, config.height_acceleration, dt)
         under = middle((left, right)) if swinging < 0 else state.soles.holds[state.stance]
+        level = 0.5 * (levels[0] + levels[1]) if swinging < 0 else levels[state.stance]
         com, (rise_x, rise_y) = state.measured.com, state.soles.slope.tolist()
-        ground = under.z + rise_x * float(com[0] - under.x) + rise_y * float(com[1] - under.y)
+        ground = under.z - level + rise_x * float(com[0] - under.x) + rise_y * float(com[1] - under.y)
         climb = float(state.soles.slope @ state.measured.com_velocity[:2])
         last = ground if before.ground is None else before.ground + climb * dt
         ground = last + min(max(ground - last, -step), step)
-        return BodyState(height, ground, rate, (rate - before.rate) / dt, climb, self._advance_rise(state, dt))
+        rise, acceleration = self._advance_rise(state, dt), (rate - before.rate) / dt
+        known = _advance_relief(before.relief, relief, omega, config.height_acceleration, dt)
+        return BodyState(height, ground, rate, acceleration, climb, rise, known)
+
+    @staticmethod
+    def _levels(state: GaitState) -> Point:
+        """Known height of the ground under each foot, or where it lands [m]."""
+        levels, landing = state.soles.levels, state.soles.landing
+        if state.phase is not GaitPhase.SINGLE:
+            return levels
+        target = levels[state.stance] if landing is None else landing.hold.z
+        return (target, levels[1]) if state.stance == 1 else (levels[0], target)
 
     def _advance_rise(self, state: GaitState, dt: float) -> tuple[float, float, float]:
         """Rise over the stance leg, its rate and acceleration [m, m/s, m/s^2] after one tick."""
@@ -95,6 +113,11 @@ class ReferenceBuilder:
     def build(self, state: GaitState, load: tuple[float, float], cmp_offset: Vector | None) -> Reference:
         """Reference of one tick; ``load`` is the share of each foot, ``cmp_offset`` CMP minus CoP (2,) [m]."""
         left, right = state.soles.holds
+        levels, relief = state.soles.levels, state.body.relief
+        bears = 0.5 * (levels[0] + levels[1])  # what the controller measures heights from
+        pressed = bears if sum(load) == 0.0 else (load[0] * levels[0] + load[1] * levels[1]) / sum(load)
+        if state.phase is GaitPhase.SINGLE:
+            bears = pressed = levels[state.stance]
         single, foot, body = state.phase is GaitPhase.SINGLE, 1 - state.stance, state.body
         rotations, bodies = np.empty((2, 2, 3, 3))
         positions, motions = np.empty((2, 3)), np.zeros((2, 2, 6))
@@ -104,9 +127,9 @@ class ReferenceBuilder:
         _place_bodies(places, state.soles.tilts, swings, swing.motion, swing.tilt, state.toe_off, self._upright, *out)
         dcm = state.dcm.dcm
         return Reference(
-            com=np.array([dcm[0], dcm[1], (body.ground or 0.0) + body.height + body.rise[0]]),
-            com_velocity=np.array([0.0, 0.0, body.rate + body.climb + body.rise[1]]),
-            com_acceleration=np.array([0.0, 0.0, body.acceleration + body.rise[2]]),
+            com=np.array([dcm[0], dcm[1], (body.ground or 0.0) + body.height + body.rise[0] + relief[0]]),
+            com_velocity=np.array([0.0, 0.0, body.rate + body.climb + body.rise[1] + relief[1]]),
+            com_acceleration=np.array([0.0, 0.0, body.acceleration + body.rise[2] + relief[2]]),
             base_orientation=bodies[0],
             torso_orientation=bodies[1],
             posture=self._posture,
@@ -125,6 +148,7 @@ class ReferenceBuilder:
             sole_areas=state.footing.areas,
             momentum=1.0 if state.step.urgent else 0.0,
             stiffness=state.pace.share,
+            levels=(relief[0] - bears, pressed - bears),
         )
 
     def build_airborne(self, airborne: AirborneState, state: RobotState, measured: Measurement) -> Reference:
@@ -258,6 +282,7 @@ def approach(
 @njit(cache=True)
 def height_in_reach(
     places: tuple[Point, Point],
+    over: Point,
     under: Matrix,
     swinging: int,
     com: Vector,
@@ -269,9 +294,9 @@ def height_in_reach(
     """CoM height at which no leg is longer than ``leg``, as when the robot stands [m].
 
     The distance of a planted foot from under its hip is the measured one; of both feet, ``lean`` of the way between
-    them when the swing foot lands. ``places`` are the footholds in W [m], ``under`` is each sole from the CoM when the
-    robot stands at heading 0 (2, 2) [m], ``swinging`` is -1 without a foot in the air, ``standing`` the CoM height then
-    [m].
+    them when the swing foot lands. ``places`` are the footholds in W [m], ``over`` is how much higher each is known to
+    be than the ground that the height counts from [m]. ``under`` is each sole from the CoM when the robot stands at
+    heading 0 (2, 2) [m], ``swinging`` is -1 without a foot in the air, ``standing`` the CoM height then [m].
     """
     c, s = math.cos(yaw), math.sin(yaw)
     left_x, left_y = (
@@ -283,11 +308,27 @@ def height_in_reach(
         places[1][1] - (s * under[1, 0] + c * under[1, 1]),
     )
     x, y = left_x - right_x, left_y - right_y
-    square = lean * lean * (x * x + y * y)
+    height = _leg_height(lean * lean * (x * x + y * y), leg) - 0.5 * abs(over[0] - over[1])
     if swinging != 0:
         x, y = left_x - com[0], left_y - com[1]
-        square = max(square, x * x + y * y)
+        height = min(height, _leg_height(x * x + y * y, leg) + over[0])
     if swinging != 1:
         x, y = right_x - com[0], right_y - com[1]
-        square = max(square, x * x + y * y)
-    return standing - leg + math.sqrt(max(leg * leg - square, 0.25 * leg * leg))
+        height = min(height, _leg_height(x * x + y * y, leg) + over[1])
+    return standing - leg + height
+
+
+@register_jitable
+def _leg_height(square: float, leg: float) -> float:
+    """Height of the hip over a foot at the root of a ``square`` [m^2] beside it, on a leg of a length [m]."""
+    return math.sqrt(max(leg * leg - square, 0.25 * leg * leg))
+
+
+@njit(cache=True)
+def _advance_relief(
+    relief: tuple[float, float, float], dcm: float, omega: float, acceleration: float, dt: float
+) -> tuple[float, float, float]:
+    """Height that converges to a vertical DCM [m], its rate and acceleration [m, m/s, m/s^2] after ``dt`` [s]."""
+    height, before, _ = relief
+    rate = min(max(omega * (dcm - height), before - acceleration * dt), before + acceleration * dt)
+    return height + rate * dt, rate, (rate - before) / dt

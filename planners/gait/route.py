@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from models.constants import FOOT_NAMES
 from models.errors import CommandError, PoiseError, UnreachableError
@@ -23,16 +23,39 @@ from planners.gait.footsteps import (
     side_of,
     wrap,
 )
+from planners.gait.tread import Tread, clearance_over, crouch_between, swing_time
 
 SLACK = 1e-6  #: Tolerance of the limits for rounding [m, rad]
 
 
 @dataclass(frozen=True, slots=True)
 class Footstep:
-    """One step of a plan: ``foot`` (0 left, 1 right) is put down at ``hold``."""
+    """One step of a plan: ``foot`` (0 left, 1 right) is put down at ``hold``, whose height counts with a ``tread``."""
 
     foot: int
     hold: Foothold
+    tread: Tread | None = None
+
+    @property
+    def values(self) -> list[float]:
+        """The step as numbers: foot, foothold, slope, room; see ``footstep_of``."""
+        tread = () if self.tread is None else (*self.tread.slope, *(self.tread.room or ()))
+        return [self.foot, *structs.astuple(self.hold), *tread]
+
+    def kept(self, hold: Foothold) -> Foothold:
+        """The foothold inside the room of the tread that is nearest to ``hold``."""
+        if self.tread is None or self.tread.room is None:
+            return hold
+        (x, y), (back, forward, right, left) = self.hold.relative(hold.x, hold.y), self.tread.room
+        x, y = self.hold.moved(min(max(x, -back), forward), min(max(y, -right), left))
+        return structs.replace(hold, x=x, y=y)
+
+
+def footstep_of(foot: float, x: float, y: float, yaw: float, z: float, *tread: float) -> Footstep:
+    """Step of its ``values``."""
+    room = tread[2:] or None
+    known = Tread((tread[0], tread[1]), room) if tread else None  # type: ignore[arg-type]
+    return Footstep(int(foot), Foothold(x, y, yaw, z), known)
 
 
 def soles_at(pose: Foothold, width: float) -> tuple[Foothold, Foothold]:
@@ -158,8 +181,11 @@ def check_footsteps(steps: Sequence[Footstep], soles: Sequence[Foothold], config
             raise CommandError(f"{name}: ({hold.x}, {hold.y}, {hold.yaw}) is not finite")
         if i and step.foot == steps[i - 1].foot:
             raise CommandError(f"{name}: the same foot as before")
-        before = middle(feet)
-        reason = _out_of_reach(feet[1 - step.foot], step.foot, hold, config)
+        before, stance = middle(feet), feet[1 - step.foot]
+        reason = _out_of_reach(stance, step.foot, hold, config)
+        if step.tread is None:
+            hold = structs.replace(hold, z=stance.z)
+        reason = reason or _too_steep(stance, step.foot, hold, step.tread, config)
         feet[step.foot] = hold
         reason = reason or _too_fast(before, middle(feet), config)
         if reason is not None:
@@ -184,6 +210,18 @@ def _out_of_reach(stance: Foothold, foot: int, hold: Foothold, config: GaitConfi
         return f"turned out by {opening:.3f} rad from {other}, at most {reach.turn_out:.3f} rad"
     if -opening > reach.turn_in + SLACK:
         return f"turned in by {-opening:.3f} rad from {other}, at most {reach.turn_in:.3f} rad"
+    return None
+
+
+def _too_steep(stance: Foothold, foot: int, hold: Foothold, tread: Tread | None, config: GaitConfig) -> str | None:
+    """Why a foot cannot be put down at this height and tilt; None if it can."""
+    rise, most = hold.z - stance.z, config.reach.rise
+    if not abs(rise) <= most + SLACK:  # neither is that of a NaN
+        way = "above" if rise > 0.0 else "below"
+        return f"{abs(rise):.3f} m {way} the {FOOT_NAMES[1 - foot]} sole, at most {most:.3f} m"
+    slope = 0.0 if tread is None else math.hypot(*tread.slope)
+    if not slope <= config.ground.slope_max + SLACK:
+        return f"tilted by {math.atan(slope):.3f} rad, at most {math.atan(config.ground.slope_max):.3f} rad"
     return None
 
 
@@ -212,11 +250,18 @@ class Route(Struct, frozen=True):
     steps: tuple[Footstep, ...] = ()  # empty without a route
     goal: Foothold | None = None  # pose of the middle between the soles at the end; None for listed footsteps
     outcome: str = ""  # why the last route ended, ``done`` after all its steps; empty before and meanwhile
+    crouch: float = 0.0  # by which known heights and long steps lower the body, see ``crouch_between`` [m]
+    swing: float = 0.0  # least nominal single support, by the known height that a foot is lifted over [s]
 
     @property
     def left(self) -> int:
         """Touchdowns until it ends; 0 without a route."""
         return len(self.steps)
+
+    @property
+    def known(self) -> bool:
+        """Whether the height of the next foothold is known."""
+        return bool(self.steps) and self.steps[0].tread is not None
 
     @property
     def foot(self) -> int:
@@ -225,13 +270,19 @@ class Route(Struct, frozen=True):
 
     def ended(self, reason: str) -> Route:
         """Without the remaining steps."""
-        return Route((), self.goal, reason) if self.steps else self
+        return structs.replace(self, steps=(), outcome=reason) if self.steps else self
 
-    def ahead(self, stance: Foothold, count: int, limits: StepLimits) -> list[Foothold]:
-        """At most ``count`` next footholds, alternating feet, each brought into reach of the one before."""
+    def ahead(self, stance: Foothold, count: int, limits: StepLimits, level: float = 0.0) -> list[Foothold]:
+        """At most ``count`` next footholds, alternating feet, each brought into reach of the one before.
+
+        ``level`` is the known height of the ``stance``, on the scale of those of the steps [m].
+        """
         holds: list[Foothold] = []
+        base = stance.z - level
         for step in self.steps[:count]:
             stance = clamped(stance, step.foot, *step.hold.pose, limits)
+            if step.tread is not None:
+                stance = structs.replace(stance, z=base + step.hold.z)
             holds.append(stance)
         return holds
 
@@ -245,9 +296,27 @@ class Route(Struct, frozen=True):
                 steps = tuple(plan_to_pose(self.goal, soles, config, 1 - step.foot))
             except PoiseError as error:
                 steps, outcome = (), str(error)
-        return Route(steps, self.goal, outcome if steps or outcome else "done")
+        return structs.replace(self, steps=steps, outcome=outcome if steps or outcome else "done")
 
 
 def route_of(steps: Sequence[Footstep], goal: Foothold | None = None) -> Route:
     """A new route."""
     return Route(tuple(steps), goal, "" if steps else "done")
+
+
+def route_over(steps: Sequence[Footstep], soles: Sequence[Foothold], datum: float, config: GaitConfig) -> Route:
+    """A new route over listed footsteps from the left and right sole; known heights count from ``datum`` [m]."""
+    feet, crouch, lift = list(soles), 0.0, 0.0
+    for step in steps:
+        if step.tread is not None:
+            stance, before, side = feet[1 - step.foot], feet[step.foot], side_of(step.foot)
+            crouch = max(crouch, crouch_between(stance, step.hold, side, config.reach.width, config.leg))
+            lift = max(lift, abs(step.hold.z - before.z))
+            feet[step.foot] = step.hold
+        else:
+            feet[step.foot] = structs.replace(step.hold, z=feet[1 - step.foot].z)
+    swing = config.swing
+    clearance = clearance_over(lift, config.pace.between(config.route.pace, "clearance"), swing.edge_clearance)
+    least = swing_time(lift, clearance, swing.apex, swing.lift_acceleration)
+    levelled = [replace(step, hold=structs.replace(step.hold, z=step.hold.z - datum)) for step in steps]
+    return structs.replace(route_of(levelled), crouch=crouch, swing=least)

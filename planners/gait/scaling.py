@@ -67,12 +67,12 @@ def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitCon
         ),
         timing=_times(config.timing, time, "single_min", "single_urgent", "single_max", "start", "finish"),
         reach=replace(
-            _times(reach, length, "forward", "backward"),
+            _times(reach, length, "forward", "backward", "rise"),
             cross_ahead=reach.cross_ahead + foot[0] - config.foot[0],
             width_min=reach.width_min + foot[1] - config.foot[1],
         ),
         velocity=_times(config.velocity, time, "forward", "backward", "lateral"),
-        swing=_times(_times(config.swing, length, "rise_max"), time, "speed_max", "late_velocity"),
+        swing=_times(_times(config.swing, length, "rise_max", "edge_clearance"), time, "speed_max", "late_velocity"),
         route=_times(config.route, time, "forward", "lateral"),
     )
 

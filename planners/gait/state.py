@@ -86,6 +86,8 @@ class BodyState(Struct, frozen=True):
     climb: float = 0.0  #: Rate of the ground under the CoM [m/s]
     #: Rise over the stance leg, which comes on top; its rate and acceleration [m, m/s, m/s^2]
     rise: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    #: Known height of the ground under the CoM, which comes on top, too; its rate and acceleration [m, m/s, m/s^2]
+    relief: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -148,7 +150,8 @@ def coming_steps(view: GaitView, config: GaitConfig) -> list[Foothold]:
     if left is not None and left <= 0:
         return taken
     if command.route.left:
-        ahead = command.route.ahead(holds[gait.stance], config.preview, limits_of(config.reach))
+        level = gait.soles.levels[gait.stance]
+        ahead = command.route.ahead(holds[gait.stance], config.preview, limits_of(config.reach), level)
         return [*taken, *ahead[len(taken) :]]
     count, period = max(config.preview - len(taken), 1), gait.pace.period
     return taken + preview_footholds(first, foot, command.velocity, period, config.reach, count, left)

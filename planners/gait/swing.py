@@ -16,6 +16,7 @@ from models.types import Matrix, Vector
 from planners.gait.config import SwingConfig
 from planners.gait.footing import FLAT, ToeOff, turned_about
 from planners.gait.footsteps import Point
+from planners.gait.tread import SwingShares, clearance_over, swing_shares
 
 X, Y, Z, YAW = range(4)
 _SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  #: Times at which a foot may pass a corner, of those that are left [-]
@@ -43,6 +44,13 @@ class SwingShape(NamedTuple):
     apex: float
     landing_velocity: float
     freeze: float
+    edge: float
+    edge_clearance: float
+
+
+#: The swing under way, for its reaction: motion of the foot, see ``SwingState`` (3, 4), heights of apex and landing
+#: [m], ``SwingShares``, time from lift-off to touchdown [s], acceleration at touchdown [m/s^2] and target [m] in W
+SwingMotion = tuple[Matrix, Point, tuple[float, float, float], float, Point, Point]
 
 
 class SwingLimits(NamedTuple):
@@ -74,6 +82,8 @@ class SwingState(Struct, frozen=True):
     start: Point  # place at lift-off, in W [m]
     braking: Point  # acceleration at the planned touchdown, along x and y of W [m/s^2]
     tilt: Vector  # slope of the sole: its rise along x and along y of W (2,) [-]
+    shares: SwingShares  # times of this swing
+    rise: float = 0.0  # known height of the target above that at lift-off [m]
     trips: int = 0  # detected so far
     rising_until: float = 0.0  # time since lift-off until which the foot only rises [s]
     place: Point | None = None  # measured at the last tick, in W [m]; None at lift-off
@@ -90,6 +100,12 @@ class SwingState(Struct, frozen=True):
         """(4,) [m/s, rad/s]."""
         velocity: Vector = self.motion[1]
         return velocity
+
+    def towards(self, x: float, y: float) -> SwingMotion:
+        """The swing to a target in W [m], for its reaction."""
+        apex, wait, settle = self.shares
+        heights = self.floor + max(self.rise, 0.0) + self.clearance, self.floor + self.rise
+        return self.motion, heights, (apex, wait, settle), self.duration, self.braking, (x, y)
 
     def via(self, corner: Point, target: Point, elapsed: float, left: Point, last: Via | None, freeze: float) -> Via:
         """When and how fast the foot passes a corner on its way to a target, both in W (2,) [m].
@@ -120,7 +136,7 @@ class SwingState(Struct, frozen=True):
         return structs.replace(self, motion=motion, start=(self.start[0] + x, self.start[1] + y))
 
 
-AT_REST = SwingState(np.zeros((3, 4)), 0.0, 0.0, 0.0, (0.0, 0.0), (0.0, 0.0), np.zeros(2))
+AT_REST = SwingState(np.zeros((3, 4)), 0.0, 0.0, 0.0, (0.0, 0.0), (0.0, 0.0), np.zeros(2), SwingShares(0.5))
 
 
 class SwingFoot:
@@ -132,7 +148,8 @@ class SwingFoot:
     the hip of the leg pays for; the rest is the path of least jerk. The height goes likewise to
     the clearance at the apex, then to the target with the landing velocity. Later than planned, the foot continues down
     at ``late_velocity``, at most ``depth_max``, and follows its target. On the way round the stance leg, x and y first
-    go to a corner, ``via``, and through it.
+    go to a corner, ``via``, and through it. To a foothold of another known height the foot goes over the edge between:
+    ``swing_shares``.
 
     A foot that stays behind its reference and hardly moves has tripped, over the edge of a tile for instance. The
     harder it is pushed on, the faster friction holds it. Its reference returns to the measured place, and on the way
@@ -140,7 +157,7 @@ class SwingFoot:
     """
 
     def __init__(self, config: SwingConfig) -> None:
-        self.shape = SwingShape(config.apex, config.landing_velocity, config.freeze)
+        self.shape = SwingShape(**{name: getattr(config, name) for name in SwingShape._fields})
         others = (getattr(config, name) for name in SwingLimits._fields[1:])
         self._limits = unbox(SwingLimits(self.shape, *others))
 
@@ -154,12 +171,14 @@ class SwingFoot:
         target: Point | None = None,
         toe_off: ToeOff = FLAT,
         effort: float = 0.0,
+        rise: float = 0.0,
     ) -> SwingState:
         """Start from rest at a pose x, y, z, yaw (4,) on a slope (2,) [-], for a swing of this height and duration.
 
         ``target`` is the place at which it is to end, in W [m], by a path of this least ``effort``; without one, it
         starts without acceleration.
         With ``toe_off``, the pose is that of the flat sole, and the foot starts as it turns about its edge.
+        The target is known to be higher by ``rise`` [m].
         """
         motion, start = np.zeros((3, 4)), (float(pose[X]), float(pose[Y]))
         motion[0] = pose
@@ -169,9 +188,14 @@ class SwingFoot:
             motion[:, :Z] += turned[:, :1] * np.array([c, s])
             motion[:, Z] += turned[:, 1]
             tilt = tilt - math.tan(toe_off.angle) * np.array([c, s])
-        braking = (0.0, 0.0) if target is None else _braking(start, target, duration, effort)
-        motion[2, :Z] -= braking
-        return SwingState(motion, float(pose[Z]), clearance, duration, start, braking, tilt, trips)
+        way = 0.0 if target is None else math.dist(start, target)
+        shape = self.shape
+        clearance = clearance_over(rise, clearance, shape.edge_clearance)
+        shares = SwingShares(*swing_shares(rise, clearance, way, shape.apex, shape.edge, shape.freeze / duration))
+        braking = (0.0, 0.0) if target is None else _braking(start, target, shares.moving * duration, effort)
+        if shares.wait == 0.0:
+            motion[2, :Z] -= braking
+        return SwingState(motion, float(pose[Z]), clearance, duration, start, braking, tilt, shares, rise, trips)
 
     def detect_trip(
         self, swing: SwingState, x: float, y: float, elapsed: float, duration: float, dt: float
@@ -204,9 +228,11 @@ class SwingFoot:
         motion, tilt, rising_until = swing.motion.copy(), swing.tilt.copy(), swing.rising_until
         heights = swing.floor, swing.clearance
         limits, passing = self._limits, via or NO_VIA
-        braking = _braking(swing.start, target.tolist(), duration, effort)
-        times = elapsed, duration, dt
-        _advance(limits, motion, tilt, braking, target, target_velocity, slope, heights, rising_until, passing, times)
+        braking = _braking(swing.start, target.tolist(), swing.shares.moving * duration, effort)
+        times, shares = (elapsed, duration, dt), swing.shares
+        _advance(
+            limits, motion, tilt, braking, target, target_velocity, slope, heights, rising_until, passing, times, shares
+        )
         return structs.replace(swing, motion=motion, duration=duration, tilt=tilt, braking=braking)
 
 
@@ -277,6 +303,7 @@ def _advance(
     rising_until: float,
     via: Via,
     times: tuple[float, float, float],
+    shares: SwingShares,
 ) -> None:
     """One tick of the motion (3, 4) and the slope (2,) of the sole: ``SwingFoot.step``.
 
@@ -284,7 +311,7 @@ def _advance(
     the whole swing, and the tick [s].
     """
     limits, (floor, clearance), (elapsed, duration, dt) = constants.record, heights, times
-    shape, share = limits.shape, min(dt / limits.tilt_time, 1.0)
+    shape, share, (top, wait, settle) = limits.shape, min(dt / limits.tilt_time, 1.0), shares
     for i in range(2):
         tilt[i] += share * (slope[i] - tilt[i])
     left = duration - elapsed + dt
@@ -298,19 +325,23 @@ def _advance(
         motion[2] = 0.0
         return
     rising = elapsed < rising_until
-    apex = max(shape.apex * duration, rising_until) - (elapsed - dt)
+    apex = max(top * duration, rising_until) - (elapsed - dt)
     height, sink, height_left = target[Z], -shape.landing_velocity, left
     if apex > shape.freeze or rising:
         height, sink, height_left = max(floor, height) + clearance, 0.0, max(apex, shape.freeze)
     # A quintic over the last moments would turn every millimetre into a jerk: it is stretched instead.
-    steady = max(left, shape.freeze)
+    steady, waits = max(left, shape.freeze), elapsed < wait * duration
+    over = max(left - settle * duration, shape.freeze)
     corner, passing = (via.x, via.y), via.time - elapsed + dt
     for i in range(4):
         if rising and i < Z:
             continue
+        if waits and i < Z:
+            motion[1, i], motion[2, i] = 0.0, -braking[i] if elapsed + dt >= wait * duration else 0.0
+            continue
         end, time = (target[i], 0.0, 0.0), steady
         if i < Z:
-            end = target[i], 0.0, braking[i]
+            end, time = (target[i], 0.0, braking[i] if left > settle * duration else 0.0), over
         if i == Z:
             end, time = (height, sink, 0.0), height_left
         elif i < Z and passing > 0.0:

@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
@@ -15,12 +17,16 @@ from models.nodes.messages import set_stamp, to_ns
 from models.nodes.odometry import QUATERNION_TOLERANCE
 from models.nodes.services import own_message
 from models.robot_model import SOLE_FRAMES
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, Point, middle
+from planners.gait.reference import sole_rotation
 from planners.gait.route import Footstep
+from planners.gait.tread import Tread
+
+_UPRIGHT_MIN = 0.1  #: Least cosine of a foothold's tilt that its slope is computed from [-]
 
 
 def foothold_from_pose(name: str, pose: Any) -> Foothold:
-    """Place and heading of a geometry_msgs/Pose; height, roll and pitch are ignored because the foot feels the floor.
+    """Place and heading of a geometry_msgs/Pose.
 
     Raises ``MessageError`` with ``name`` for a value that is not finite or a quaternion not of unit length.
     """
@@ -32,11 +38,24 @@ def foothold_from_pose(name: str, pose: Any) -> Foothold:
     norm = math.sqrt(turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2)
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
         raise MessageError(f"{name}: orientation: quaternion of norm {norm:.4f}")
-    return Foothold(position.x, position.y, heading(turn.x, turn.y, turn.z, turn.w))
+    return Foothold(position.x, position.y, heading(turn.x, turn.y, turn.z, turn.w), position.z)
+
+
+def slope_from_pose(name: str, pose: Any) -> Point:
+    """Slope of a sole with the orientation of a geometry_msgs/Pose; ``MessageError`` where it does not face upwards."""
+    turn = pose.orientation
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    upright = 1.0 - 2.0 * (x * x + y * y)
+    if upright <= _UPRIGHT_MIN:
+        raise MessageError(f"{name}: orientation: the sole is tilted by {math.acos(max(upright, -1.0)):.2f} rad")
+    return -2.0 * (x * z + w * y) / upright, -2.0 * (y * z - w * x) / upright
 
 
 def goal_from_message(name: str, message: Any) -> Foothold:
-    """Goal of the middle between the soles, from a PoseStamped in ``odom``; ``MessageError`` for an invalid one."""
+    """Goal of the middle between the soles, from a PoseStamped in ``odom``; ``MessageError`` for an invalid one.
+
+    Roll and pitch are ignored: the feet feel the floor.
+    """
     require_odom(name, message.header.frame_id)
     return foothold_from_pose(name, message.pose)
 
@@ -51,7 +70,7 @@ def steps_from_path(message: Any, soles: Sequence[Foothold]) -> list[Footstep]:
     """Footsteps of a nav_msgs/Path in ``odom``; the frame_id of each pose names the sole: ``l_sole`` or ``r_sole``.
 
     Poses without a name alternate; the first one is of the foot on whose side of the robot it lies (``soles``: left and
-    right). Raises ``MessageError`` for an unknown frame, or see ``foothold_from_pose``.
+    right). Heights and tilts count. Raises ``MessageError`` for an unknown frame, or see ``foothold_from_pose``.
     """
     require_odom("footsteps", message.header.frame_id)
     here = middle(soles)
@@ -67,7 +86,7 @@ def steps_from_path(message: Any, soles: Sequence[Foothold]) -> list[Footstep]:
             foot = 1 - steps[-1].foot
         else:
             foot = LEFT if here.relative(hold.x, hold.y)[1] >= 0.0 else RIGHT
-        steps.append(Footstep(foot, hold))
+        steps.append(Footstep(foot, hold, Tread(slope_from_pose(name, pose.pose))))
     return steps
 
 
@@ -77,7 +96,8 @@ def path_from_steps(stamp: int, steps: Sequence[Footstep], stamps: Sequence[int]
     path.header.frame_id = topics.ODOM_FRAME
     set_stamp(path.header.stamp, stamp)
     for step, t in zip(steps, stamps or [stamp] * len(steps), strict=True):
-        path.poses.append(pose_message(step.hold, SOLE_FRAMES[step.foot], t))
+        slope = (0.0, 0.0) if step.tread is None else step.tread.slope
+        path.poses.append(pose_message(step.hold, SOLE_FRAMES[step.foot], t, slope))
     return path
 
 
@@ -89,12 +109,14 @@ def footstep_message(step: Footstep, time: float) -> Any:
     return message
 
 
-def pose_message(hold: Foothold, frame_id: str, stamp: int = 0) -> Any:
-    """geometry_msgs/PoseStamped of a place on the floor."""
+def pose_message(hold: Foothold, frame_id: str, stamp: int = 0, slope: Point = (0.0, 0.0)) -> Any:
+    """geometry_msgs/PoseStamped of a place on the floor, on a slope [-]."""
     message = PoseStamped()
     message.header.frame_id = frame_id
     set_stamp(message.header.stamp, stamp)
     position, orientation = message.pose.position, message.pose.orientation
     position.x, position.y, position.z = float(hold.x), float(hold.y), float(hold.z)
-    orientation.z, orientation.w = math.sin(0.5 * hold.yaw), math.cos(0.5 * hold.yaw)
+    rotation = np.empty((3, 3))
+    sole_rotation(hold.yaw, *slope, rotation)
+    orientation.x, orientation.y, orientation.z, orientation.w = pin.Quaternion(rotation).coeffs().tolist()
     return message

@@ -191,8 +191,8 @@ def goal(x: float, y: float, yaw: float, frame_id: str = "odom") -> PoseStamped:
     return pose_message(Foothold(x, y, yaw), frame_id)
 
 
-def path(*poses: tuple[str, float, float], frame_id: str = "odom") -> Path:
-    message = Path(poses=[pose_message(Foothold(x, y, 0.0), name) for name, x, y in poses])
+def path(*poses: tuple[str, float, float], frame_id: str = "odom", z: float = 0.0, slope: float = 0.0) -> Path:
+    message = Path(poses=[pose_message(Foothold(x, y, 0.0, z), name, 0, (slope, 0.0)) for name, x, y in poses])
     message.header.frame_id = frame_id
     return message
 
@@ -241,13 +241,21 @@ def test_listed_footsteps_name_their_soles_or_alternate(robot: Commanded) -> Non
         (path(("l_foot", 0.1, left.y)), "footstep 1: header.frame_id: 'l_foot' names no sole: l_sole, r_sole"),
         (path(("l_sole", 0.1, math.inf)), "footstep 1: position.y is inf"),
         (path(("l_sole", 0.1, right.y)), "footstep 1 (left) refused: legs would cross"),
+        (
+            path(("l_sole", 0.1, left.y), z=0.3),
+            "footstep 1 (left) refused: 0.300 m above the right sole, at most 0.200 m",
+        ),
+        (
+            path(("l_sole", 0.1, left.y), slope=-0.4),
+            "footstep 1 (left) refused: tilted by 0.381 rad, at most 0.245 rad",
+        ),
         (path(("", 0.1, right.y), ("", 0.2, right.y)), "footstep 2 (left) refused: legs would cross"),
         (path(("r_sole", 0.1, right.y), ("r_sole", 0.2, right.y)), "footstep 2 (right) refused: the same foot"),
         (path(("l_sole", 0.9, left.y)), "ahead of the right sole"),
     ):
         assert culprit in robot.ask(robot.footsteps, message)
         assert not robot.node._law.route.left
-    assert robot.node.counters[f"refused {topics.FOOTSTEPS_COMMAND}"] == 8
+    assert robot.node.counters[f"refused {topics.FOOTSTEPS_COMMAND}"] == 10
     assert robot.ask(robot.footsteps, path(("", 0.1, right.y), ("", 0.1, left.y))) == "running: 2 footsteps"
     assert robot.node._law.route.foot == 1
     robot.send(robot.velocity, velocity_to_twist((0.1, 0.0, 0.0)))

@@ -88,7 +88,7 @@ def test_the_push_test_has_modes(mode: str, name: str, asked: list[tuple[str, Op
     assert RUNNER.invoke(app, ["bench", "push", "--mode", "run"]).exit_code == 2
 
 
-USUAL_SEEDS = {"stand": 20, "walk": 20, "terrain": 20, "terrain_map": 3, "estimate": 20, "sim2sim": 20}
+USUAL_SEEDS = {"stand": 20, "walk": 20, "terrain": 20, "terrain_map": 3, "stairs": 20, "estimate": 20, "sim2sim": 20}
 """Of the commands that do not measure one seed."""
 
 PUBLISHED = {line["bench"]: line["figures"] for line in read_lines(ROOT / "docs/benchmark_report/reports.jsonl")}

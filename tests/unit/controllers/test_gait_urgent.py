@@ -96,7 +96,9 @@ def test_feet_far_apart_lower_the_body(g1: RobotModel) -> None:
 
     def height(left: float, swinging: int, lean: float = 0.5) -> float:
         places = ((x, left), (right_x, right_y))
-        return height_in_reach(places, builder.under, swinging, com, lean, 0.0, config.leg, builder.standing_height)
+        return height_in_reach(
+            places, (0.0, 0.0), builder.under, swinging, com, lean, 0.0, config.leg, builder.standing_height
+        )
 
     stand = height(y, -1)
     assert stand == pytest.approx(builder.standing_height, abs=1e-9)  # no lower than it stands

@@ -85,6 +85,16 @@ def test_a_rise_of_the_com_takes_a_force_through_the_cmp(
     assert risen[:2] == pytest.approx((1.0 + 2.0 / GRAVITY) * level[:2])
 
 
+def test_the_force_passes_through_the_zmp_at_its_height(case: tuple[BalanceController, RobotState, Reference]) -> None:
+    controller, state, reference = case
+    height = controller.whole_body.terms.com[2] - reference.sole_positions[0, 2]
+    for under, pressed in ((0.0, 0.0), (0.05, 0.0), (0.08, 0.1)):
+        controller.track(state, structs.replace(reference, levels=(under, pressed)))
+        override, away = controller.whole_body.com_task.override, controller.whole_body.terms.com[:2]
+        assert override is not None
+        assert override[:2] == pytest.approx(GRAVITY / (height - pressed) * (away - controller._arrays.cmp))
+
+
 def acceleration(swing: Reference, state: RobotState, **changes: object) -> np.ndarray:
     """What the controller makes of a reference, with some of its settings changed."""
     whole_body = default_config(WholeBodyConfig, "controllers", "whole_body")

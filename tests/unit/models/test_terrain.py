@@ -59,6 +59,28 @@ def test_slopes_and_stairs_rise_as_they_say() -> None:
     assert stairs.height(5.05, 0.0) - stairs.height(4.55, 0.0) == pytest.approx(-0.03)
 
 
+def test_stairs_lead_up_to_a_landing_and_down_again() -> None:
+    terrain = Terrain(kind="stairs", height=0.15, size=0.3, count=3, landing=0.8)
+    ground, first = Ground(terrain), terrain.patch
+    edges = [first, *(first + np.array([0.3, 0.6, 1.4, 1.7, 2.0]))]
+    for k, (level, edge) in enumerate(zip([1, 2, 3, 2, 1, 0], edges, strict=True)):
+        assert ground.height(edge + 1e-6, 0.5) == pytest.approx(0.15 * level)
+        assert ground.height(edge - 1e-6, 0.5) == pytest.approx(0.15 * [0, 1, 2, 3, 2, 1][k])
+    assert ground.height(terrain.length - 0.01, 0.0) == 0.0
+    with pytest.raises(ConfigError, match="count"):
+        parse_config(Terrain, {"kind": "stairs", "count": 0}, "here")
+
+
+def test_stones_have_gaps_between_them_and_level_ground_behind() -> None:
+    terrain = Terrain(kind="stones", height=0.05, size=0.3, gap=0.15, length=4.0, seed=3)
+    ground, first = Ground(terrain), terrain.patch + terrain.gap
+    heights = [ground.height(first + 0.45 * i + 0.15, 0.0) for i in range(5)]
+    assert len(set(heights)) == 5 and 0.0 <= min(heights) and max(heights) <= 0.05
+    stones = [block for block in blocks(terrain) if block.half == (0.15, 0.15)]
+    assert len(stones) == 7 * 13 and {ground.height(first + 0.45 * i - 0.07, 0.0) for i in range(5)} == {-0.5}
+    assert ground.height(4.0, 0.0) == 0.0
+
+
 def test_beside_the_terrain_the_ground_is_its_lowest_point() -> None:
     ground = Ground(terrain_named("slope_down"))
     assert ground.height(100.0, 0.0) == ground.lowest < -1.0

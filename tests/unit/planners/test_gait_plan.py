@@ -90,7 +90,7 @@ def test_an_undisturbed_step_lands_at_its_planned_place(planned: Planned, foot: 
     swing = planned.swing.lift(pose, PACE.clearance, single, np.zeros(2), target=target)
     point, landing = planned.soles.point_of(1 - foot, walk.stance), planned.soles.point_of(foot, nominal)
     start, leg = landing + offset, unbox(SwingLeg(planned.swing.shape, planned.lever))
-    moving = swing.motion, swing.floor, swing.clearance, swing.duration, swing.braking, target
+    moving = swing.towards(*target)
     for _ in range(20):  # the reaction depends on the CoM, which is at the DCM here
         at = planned.with_dcm(start)
         body = at.com, at.com_velocity

@@ -73,7 +73,7 @@ def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], lis
     cmps, rests = [], []
 
     def reaction(left: float) -> tuple[np.ndarray, np.ndarray]:
-        swing = foot.motion, foot.floor, foot.clearance, foot.duration, foot.braking, ends
+        swing = foot.towards(*ends)
         still, out = np.zeros(2), np.empty((3, 2))
         single_support(still, still, OMEGA, left, swing, (com, velocity), LEG, out)
         return out[0], out[2]

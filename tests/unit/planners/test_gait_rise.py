@@ -30,7 +30,7 @@ def risen(robot: RobotModel, apart: float, steps: int = 4, early: float = 0.0, l
         for gait.phase, time in ((GaitPhase.DOUBLE, DOUBLE), (GaitPhase.SINGLE, SINGLE - early)):
             for i in range(round(time / DT)):
                 gait.elapsed = (i + 1) * DT
-                gait.body = builder.advance_body(gait, DT)
+                gait.body = builder.advance_body(gait, 0.0, 3.8, DT)
                 rows.append(gait.body.rise)
     return np.array(rows)
 

@@ -1,0 +1,177 @@
+"""Stairs of known geometry, walked without eyes; stairs and stones that the robot sees, stopping to look and plan."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
+from benchmarks.core.harness import Case, Options, Report, chosen
+from benchmarks.core.loops import demand
+from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
+from bridge.closed_loop import ClosedLoop
+from models.config import STRICT, Positive, Share
+from models.terrain import Terrain
+from planners.gait.footsteps import middle
+from planners.gait.route import Footstep
+from planners.terrain.footholds import GroundPlanner
+from planners.terrain.stairs import Stairs, stair_footsteps
+
+_SETTLE = 4.0  #: After the planned footsteps, until the walk counts as stuck [s]
+_LOOK = 1.0  #: For which the robot stands and maps before it plans [s]
+_BEHIND = 4.0  #: Level ground behind stairs [m]
+_ROUNDING = 1e-6  #: Of the length of the ground [m]
+_AHEAD = 2.0  #: How far it plans at most [m]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Flight:
+    """Stairs, and how the robot knows them."""
+
+    rise: float  #: Of each step [m]
+    seen: bool = False  #: By its own depth camera and lidar; else it is told
+    count: Annotated[int, Field(ge=1)] | None = None  #: Risers up, or rows of stones; those of all stairs when None
+    gap: Positive | None = None  #: Between stones as long as a tread, of heights up to ``rise``; stairs when None [m]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class StairsConfig:
+    """The test; the unit of every value stands in ``benchmarks/config/stairs.yaml``."""
+
+    required_share: Share
+    tread: Positive
+    count: Annotated[int, Field(ge=1)]
+    landing: Positive
+    stride: Positive
+    together: bool
+    record_period: Positive
+    shown: Positive
+    seen_ahead: Positive
+    looks: Annotated[int, Field(ge=1)]
+    rises: dict[str, Flight]
+    goals: dict[str, Flight]
+
+
+_config = partial(settings, StairsConfig, "stairs")
+
+
+def climb(robot: str, seed: int, scenario: str) -> Case:
+    """Climb and descend one flight; ``distance`` is the way of the base, ``torque`` the largest share of a leg's limit.
+
+    A walk survives when it does not fall, takes every footstep, and stands behind the stairs.
+    """
+    config = _config()
+    flight = {**config.rises, **config.goals}[scenario]
+    count, patch = flight.count or config.count, config.seen_ahead if flight.seen else Terrain("flat").patch
+    if flight.gap is None:
+        way = patch + 2.0 * (count - 1) * config.tread + config.landing  # to the last riser
+        terrain = Terrain("stairs", flight.rise, config.tread, count=count, landing=config.landing)
+    else:
+        way = patch + count * (config.tread + flight.gap) + flight.gap
+        terrain = Terrain("stones", flight.rise, config.tread, gap=flight.gap, seed=seed)
+    behind = _BEHIND if flight.gap is None else config.tread + _ROUNDING  # of stones, one row of ``length``
+    terrain = replace(terrain, patch=patch, length=way + behind)
+    loop = ClosedLoop(robot, seed=seed, terrain=terrain, terrain_map=flight.seen, record_period_s=config.record_period)
+    demand(loop, "walk")
+    start, x, gait = loop.t, float(loop.truth.q[0]), loop.gait
+    if flight.seen:
+        _look_and_walk(loop, way)
+    else:
+        loop.run(0.2)
+        here = middle(gait.footholds)
+        stairs = Stairs(patch - here.x, flight.rise, config.tread, count, config.landing, 2.0 * terrain.width)
+        _take(
+            loop,
+            stair_footsteps(stairs, here, loop.robot, gait.config, stride=config.stride, together=config.together),
+        )
+    arrived = float(loop.truth.q[0]) > way
+    done = gait.route.outcome == "done" and gait.settled and arrived
+    legs = [joint - 6 for foot in loop.robot.feet for joint in foot.joint_ids_v]
+    outcome: Case = {
+        "fell": loop.fallen,
+        "reason": loop.fall_reason or "; ".join(loop.faults) or ("" if done else "did not arrive"),
+        "time": loop.t - start,
+        "distance": float(loop.truth.q[0]) - x,
+        "steps": gait.steps,
+        "survived": not loop.fallen and done,
+        "trips": gait.trips,
+        "foot_slip": float(loop.foot_slip.max()),
+        "torque": float((np.abs(loop.log.tau[:, legs]) / loop.robot.tau_max[legs]).max()),
+    }
+    return outcome if outcome["survived"] else {**outcome, "moments": last_moments(loop, config.shown)}
+
+
+def _take(loop: ClosedLoop, steps: Sequence[Footstep]) -> None:
+    """Take footsteps, until the robot stands, falls or is stuck."""
+    gait = loop.gait
+    gait.take_steps(steps)
+    latest = loop.t + len(steps) * (gait.route.swing + gait.config.period) + _SETTLE
+    loop.run(0.1)
+    while loop.t < latest and not loop.fallen and (gait.route.left or not gait.settled):
+        loop.run(0.1)
+
+
+def _look_and_walk(loop: ClosedLoop, way: float) -> None:
+    """Map the ground, plan footsteps on it and take them, in turn, until the robot is ``way`` [m] ahead."""
+    loop.run(_LOOK)
+    for _ in range(_config().looks):
+        plan = GroundPlanner(loop.ground_view.mapper, loop.gait.config).plan_ahead(middle(loop.gait.footholds), _AHEAD)
+        if not plan.steps:
+            return
+        _take(loop, plan.steps)
+        if loop.fallen or loop.truth.q[0] > way:
+            return
+        loop.run(_LOOK)
+
+
+class StairsBench(Benchmark):
+    """The rises that have a bound, or those chosen, once a seed."""
+
+    measure = staticmethod(climb)
+
+    def cases(self, options: Options) -> list[Case]:
+        config = _config()
+        names = chosen("stairs", options.scenarios, [*config.rises, *config.goals], list(config.rises))
+        return [
+            {"robot": options.robot, "seed": seed, "scenario": name} for name in names for seed in options.each_seed()
+        ]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Of each rise ``survived_`` of ``total_`` walks, the mean ``time_`` of these [s], and all trips."""
+        figures = {}
+        for name in dict.fromkeys(case["scenario"] for case in cases):
+            of = [case for case in cases if case["scenario"] == name]
+            times = [case["time"] for case in of if case["survived"]]
+            figures[f"survived_{name}"] = float(len(times))
+            figures[f"total_{name}"] = float(len(of))
+            figures[f"time_{name}_s"] = float(np.mean(times)) if times else float("nan")
+            figures[f"trips_{name}"] = float(sum(case["trips"] for case in of))
+        return figures
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        config = _config()
+        totals = {name: report.figures.get(f"total_{name}", 0.0) for name in config.rises}
+        return at_least({f"survived_{name}": config.required_share * total for name, total in totals.items()})
+
+    def notes(self, report: Report) -> list[str]:
+        return super().notes(report) + [
+            f"{case['scenario']}, seed {case['seed']}: {case['reason']} after {case['steps']} steps"
+            for case in report.cases
+            if not case["survived"]
+        ]
+
+    def survived(self, case: Case) -> tuple[str, bool]:
+        return case["scenario"], bool(case["survived"])
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        figure, axes = plot_distances(report)
+        axes.set_ylabel("distance [m]")
+        axes.set_ylim(bottom=0.0)
+        axes.set_title(f"stairs, {report.who}, seeds: {report.seeds}", fontsize=10)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+        return [saved(figure, folder / f"stairs-{report.robot}.png"), *draw_failures(report, folder)]

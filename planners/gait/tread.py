@@ -1,0 +1,146 @@
+"""Known ground under footsteps: its slope and its room, the swing over the edges between, and the crouch it takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from msgspec import Struct
+
+from models.errors import UnreachableError
+from models.numerics.compiled import register_jitable
+from models.numerics.hull import convex_hull
+from models.types import Matrix
+from planners.gait.footsteps import Foothold, Point, rotated, wrap
+
+Room = tuple[float, float, float, float]
+
+PEAK = 10.0 / math.sqrt(3.0)  #: Largest acceleration of a quintic from rest to rest over a way in a time [way/time^2]
+_HALVINGS = 20  #: Of the time at which a quintic has covered a share of its way
+_ALONG = 1e-9  #: Least cosine between a direction and an edge's normal for the edge to bound the way [-]
+
+
+class Tread(Struct, frozen=True):
+    """Ground that is known under a footstep, whose height then counts; without one, the foot feels it."""
+
+    slope: Point = (0.0, 0.0)  #: Rise along x and along y of W [-]
+    room: Room | None = None  #: How far the sole may move backward, forward, right, left on it [m]; None: anywhere
+
+    def height(self, hold: Foothold, x: float, y: float) -> float:
+        """Height of the ground at a point of W, with the foothold ``hold`` on it [m]."""
+        return hold.z + self.slope[0] * (x - hold.x) + self.slope[1] * (y - hold.y)
+
+
+def room_on(polygon: Matrix, hold: Foothold, rectangle: Sequence[float]) -> Room:
+    """How far a sole may move on a convex polygon (n, 2) in W [m], its points in any order.
+
+    Of a sole ``rectangle`` (x_min, x_max, y_min, y_max) [m]. Raises ``UnreachableError`` when it is not on the polygon.
+    """
+    count = len(polygon)
+    hull = np.zeros((2 * count + 4, 2))
+    corners = hull[: convex_hull(np.ascontiguousarray(polygon, dtype=float), hull)]
+    local = np.array([hold.relative(x, y) for x, y in corners.tolist()])
+    edges = np.roll(local, -1, axis=0) - local
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
+    sole = np.array([(rectangle[i], rectangle[j]) for i in (0, 1) for j in (2, 3)])
+    left = np.einsum("ij,ij->i", normals, local) - (sole @ normals.T).max(axis=0)  # from the sole to each edge
+    if left.min() < 0.0:
+        raise UnreachableError(f"the sole reaches {-left.min():.3f} m over the edge of its polygon")
+    ways = np.array([(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
+    towards = normals @ ways.T  # (edges, 4)
+    room = np.where(towards > _ALONG, left[:, None] / np.maximum(towards, _ALONG), np.inf).min(axis=0)
+    box = np.array([(room[1] if i else -room[0], room[3] if j else -room[2]) for i in (0, 1) for j in (0, 1)])
+    reached = (box @ normals.T).max(axis=0)
+    share = float(np.minimum(1.0, left / np.maximum(reached, _ALONG)).min())
+    back, forward, right, other = (share * room).tolist()
+    return back, forward, right, other
+
+
+def bounds_in(stance: Foothold, hold: Foothold, tread: Tread | None) -> Matrix:
+    """Least and largest place of a sole on a tread along both axes of the stance frame (2, 2) [m]."""
+    if tread is None or tread.room is None:
+        return np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+    back, forward, right, left = tread.room
+    x, y = stance.relative(hold.x, hold.y)
+    turn = abs(wrap(hold.yaw - stance.yaw))
+    c, s = abs(math.cos(turn)), math.sin(turn)
+    long, wide = max(back + forward, 1e-9), max(right + left, 1e-9)
+    share = min(long / (c * long + s * wide), wide / (s * long + c * wide))  # box within the turned one
+    middle = rotated(hold.yaw - stance.yaw, 0.5 * (forward - back), 0.5 * (left - right))
+    x, y = x + middle[0], y + middle[1]
+    half = 0.5 * share * long, 0.5 * share * wide
+    return np.array([[x - half[0], y - half[1]], [x + half[0], y + half[1]]])
+
+
+class SwingShares(NamedTuple):
+    """Times of a swing as shares of its duration."""
+
+    apex: float  #: When the foot is highest
+    wait: float = 0.0  #: For which it only rises, before it goes forward over an edge
+    settle: float = 0.0  #: For which it only descends at the end, beyond an edge
+
+    @property
+    def moving(self) -> float:
+        """Share in which the foot goes to its target."""
+        return 1.0 - self.wait - self.settle
+
+
+@register_jitable
+def clearance_over(rise: float, level: float, edge: float) -> float:
+    """Height of the sole over the higher end of a swing, from that on the ``level`` to that over an ``edge`` [m]."""
+    return max(level, min(level + abs(rise), edge))
+
+
+@register_jitable
+def swing_shares(
+    rise: float, clearance: float, way: float, apex: float, edge: float, early: float
+) -> tuple[float, float, float]:
+    """``SwingShares`` of a swing that ends higher by a known ``rise`` [m], negative down, over a way [m].
+
+    Up and down take times in the ratio of the square roots of their heights: equal accelerations; ``apex`` is that of a
+    level swing. Between the footholds is an edge, at least ``edge`` [m] away from the sole on either of them. The foot
+    is up to half its clearance above the edge before it gets there, and until it has passed it. It turns from the apex
+    to the landing ``early``, a share of its duration.
+    """
+    low, high = clearance, clearance + abs(rise)
+    up, down = (high, low) if rise > 0.0 else (low, high)
+    top = apex / (apex + (1.0 - apex) * math.sqrt(down / up))
+    if rise == 0.0 or way <= edge:
+        return top, 0.0, 0.0
+    over = _quintic_time((abs(rise) + min(abs(rise), 0.5 * clearance)) / high) * (
+        top if rise > 0.0 else 1.0 - top + early
+    )
+    passing = _quintic_time(edge / way)
+    wait = max((over - passing) / (1.0 - passing), 0.0)
+    return (top, wait, 0.0) if rise > 0.0 else (top, 0.0, wait)
+
+
+@register_jitable
+def _quintic_time(share: float) -> float:
+    """Share of the time after which the quintic from rest to rest has covered a share of its way."""
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        u = 0.5 * (low + high)
+        if u * u * u * (10.0 + u * (6.0 * u - 15.0)) < share:
+            low = u
+        else:
+            high = u
+    return 0.5 * (low + high)
+
+
+def swing_time(rise: float, clearance: float, apex: float, acceleration: float) -> float:
+    """Duration of a swing with a known rise [m] at a vertical acceleration [m/s^2], in [s]."""
+    up = swing_shares(abs(rise), clearance, 0.0, apex, 0.0, 0.0)[0]
+    return math.sqrt(PEAK * (abs(rise) + clearance) / acceleration) / up
+
+
+def crouch_between(first: Foothold, last: Foothold, side: float, width: float, leg: float) -> float:
+    """How much lower than standing the body is half-way between two soles, with no leg longer than ``leg`` [m].
+
+    ``last`` is to the ``side`` of ``first`` (+1 left), in the nominal stance by ``width`` [m].
+    """
+    along, left = first.relative(last.x, last.y)
+    square = 0.25 * (along * along + (left - side * width) ** 2)
+    return leg - math.sqrt(max(leg * leg - square, 0.25 * leg * leg)) + 0.5 * abs(last.z - first.z)

@@ -1,0 +1,101 @@
+"""Footsteps on a map: on the treads of stairs, on a slope, near unknown ground, and what stops in front of a wall."""
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from models.robot_model import RobotModel
+from planners.gait.footsteps import Foothold
+from planners.gait.route import Footstep, check_footsteps, soles_at
+from planners.gait.scaling import load_gait_config
+from planners.terrain.footholds import GroundPlan, GroundPlanner
+from planners.terrain.mapper import TerrainMapper
+
+G1 = RobotModel.load("g1")
+GAIT = load_gait_config(G1)
+START = Foothold(0.0, 0.0, 0.0)
+X_MIN, X_MAX, _, _ = G1.feet[0].rectangle
+
+
+@pytest.fixture(scope="module")
+def mapper() -> TerrainMapper:
+    return TerrainMapper(G1)
+
+
+def plan_on(
+    mapper: TerrainMapper, height: Callable[[float, float], float], distance: float = 1.2, noise: float = 0.002
+) -> GroundPlan:
+    """Plan on a map of a function of x and y, NaN where unknown, with noise [m]."""
+    grid = mapper.map
+    grid.clear()
+    grid.move_to(0.0, 0.0)
+    axes = [(grid.origin[k] + np.arange(grid.cells) + 0.5) * grid.cell for k in (0, 1)]
+    heights = np.array([[height(x, y) for y in axes[1]] for x in axes[0]])
+    grid.height[:] = heights + noise * np.random.default_rng(2).standard_normal(heights.shape)
+    grid.variance[:] = np.where(np.isnan(heights), np.inf, 4e-6)
+    mapper.reference = 0.0
+    return GroundPlanner(mapper, GAIT).plan_ahead(START, distance)
+
+
+def level(hold: Foothold) -> float:
+    return round(hold.z, 2)
+
+
+def in_turn(steps: list[Footstep]) -> bool:
+    return all(first.foot != last.foot for first, last in pairwise(steps))
+
+
+def test_on_stairs_every_sole_is_on_a_tread_and_the_feet_come_together(mapper: TerrainMapper) -> None:
+    def stairs(x: float, _: float) -> float:
+        return 0.15 * max(math.floor((x - 0.4) / 0.3) + 1, 0)
+
+    steps, _ = plan_on(mapper, stairs)
+    check_footsteps(steps, soles_at(START, GAIT.reach.width), GAIT)
+    assert in_turn(steps) and steps[-1].hold.x > 1.0
+    for step in steps:
+        assert stairs(step.hold.x + X_MIN - 0.01, 0.0) == stairs(step.hold.x + X_MAX + 0.01, 0.0)
+        assert step.hold.z == pytest.approx(stairs(step.hold.x, 0.0), abs=0.005)
+    heights = [level(step.hold) for step in steps]
+    assert heights[-2] == heights[-1] and sorted(heights) == heights
+    assert all(heights.count(height) >= 2 for height in heights)  # both feet on each
+
+
+@pytest.mark.parametrize(
+    ("rise", "reason"), [(0.3, "0.30 m higher, at most 0.20 m"), (-0.4, "0.40 m lower, at most 0.20 m")]
+)
+def test_it_stops_in_front_of_what_it_cannot_step_on(mapper: TerrainMapper, rise: float, reason: str) -> None:
+    steps, why = plan_on(mapper, lambda x, _: rise if x > 0.7 else 0.0)
+    assert reason in why
+    assert max(step.hold.x for step in steps) + X_MAX + GAIT.swing.edge <= 0.7 + 0.02
+    assert steps[-1].hold.x == pytest.approx(steps[-2].hold.x, abs=0.04) and in_turn(steps)
+    assert all(level(step.hold) == 0.0 for step in steps)
+
+
+def test_a_trench_that_no_sole_fits_into_is_stepped_over(mapper: TerrainMapper) -> None:
+    steps, why = plan_on(mapper, lambda x, _: -0.5 if 0.5 < x < 0.6 else 0.0)
+    assert why == "" and steps[-1].hold.x > 1.0
+    for step in steps:
+        assert step.hold.x + X_MAX < 0.5 or step.hold.x + X_MIN > 0.6
+
+
+def test_near_the_feet_unknown_ground_is_felt_and_beyond_what_is_seen_it_ends_the_plan(mapper: TerrainMapper) -> None:
+    steps, why = plan_on(mapper, lambda x, _: 0.0 if 0.4 < x < 1.0 else math.nan)
+    felt = [step.tread is None for step in steps]
+    assert felt[0] and not felt[-1] and felt == sorted(felt, reverse=True)
+    assert why == "the ground ahead is not known" and steps[-1].hold.x + X_MAX < 1.0
+
+
+def test_no_step_is_felt_towards_a_wall(mapper: TerrainMapper) -> None:
+    steps, why = plan_on(mapper, lambda x, _: 0.3 if x > 0.55 else math.nan)
+    assert "higher" in why and all(step.hold.x + X_MAX < 0.55 for step in steps)
+
+
+def test_soles_take_the_slope_of_the_ground(mapper: TerrainMapper) -> None:
+    steps, why = plan_on(mapper, lambda x, y: 0.1 * x - 0.05 * y)
+    assert why == "" and steps[-1].hold.x == pytest.approx(1.2, abs=0.02)
+    for step in steps:
+        assert step.tread is not None and step.tread.slope == pytest.approx((0.1, -0.05), abs=0.03)
+        assert step.hold.z == pytest.approx(0.1 * step.hold.x - 0.05 * step.hold.y, abs=0.004)
