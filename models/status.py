@@ -12,7 +12,10 @@ from msgspec import Meta, Struct
 from models.types import Mode, SolveStatus
 
 #: The way back of a robot that has fallen
-GET_UP = "in simulation 'poise reset' puts it back on its feet; on hardware hang it up and call 'poise start prepare'"
+GET_UP = (
+    "in simulation 'poise reset' puts it back on its feet; "
+    "on hardware hang it from a gantry and call 'poise start prepare'"
+)
 Count = Annotated[int, Meta(ge=0)]
 
 
