@@ -111,8 +111,7 @@ class Reference(Struct, frozen=True):
     sole_areas: Matrix | None = None  # bearing rectangle of each sole (x_min, x_max, y_min, y_max) [m]; None: whole
     momentum: float = 1.0  # allowed share of the largest distance of the CMP beyond the edge of the support [-]
     stiffness: float = 1.0  # share of the stiff gains of stepping; 0 in an undisturbed slow walk [-]
-    #: Height of the ground under the CoM, and of the ZMP, over the sole in contact (the mean of both) [m]
-    levels: tuple[float, float] = (0.0, 0.0)
+    levels: tuple[float, float] = (0.0, 0.0)  # of the ground under the CoM and of the ZMP over the bearing sole(s) [m]
 
 
 class JointCommand(Struct, frozen=True):

@@ -1,10 +1,17 @@
 """What tests of several parts set up alike."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState, Vector
+
+if TYPE_CHECKING:
+    from bridge.closed_loop import ClosedLoop
 
 
 def bearing(model: RobotModel, share: float) -> ContactState:
@@ -36,3 +43,12 @@ def standing(
         np.zeros(model.nj),
         (bearing(model, shares[0]), bearing(model, shares[1])),
     )
+
+
+def run_until_still(loop: ClosedLoop, limit: float) -> None:
+    """Run until the gait has settled; fails after a fall, or ``limit`` [s]."""
+    end = loop.t + limit
+    loop.run(0.1)
+    while not loop.gait.settled:
+        assert loop.t < end and not loop.fallen, loop.fall_reason
+        loop.run(0.05)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
@@ -62,6 +62,11 @@ def at_most(limits: Mapping[str, float]) -> dict[str, Bound]:
 def at_least(limits: Mapping[str, float]) -> dict[str, Bound]:
     """Lower bounds by figure."""
     return {name: Bound(least=value) for name, value in limits.items()}
+
+
+def survivors(report: Report, names: Iterable[str], share: float) -> dict[str, Bound]:
+    """Bounds of ``survived_``: at least a share of ``total_`` of each name; none survives where none ran."""
+    return at_least({f"survived_{name}": share * report.figures.get(f"total_{name}", 0.0) for name in names})
 
 
 @schema(frozen=True, slots=True, config=STRICT)

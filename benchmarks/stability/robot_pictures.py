@@ -38,7 +38,8 @@ def walking_robot(name: str, size: tuple[int, int] = SIZE) -> Any:
 
 def label(name: str) -> str:
     """The file without its folders, or the kind of a generated robot."""
-    return name.removeprefix(GENERATED) if name.startswith(GENERATED) else Path(name).stem
+    kind = name.removeprefix(GENERATED)
+    return Path(kind).stem if "/" in kind else kind
 
 
 def sheet(names: list[str], picture: Path) -> None:

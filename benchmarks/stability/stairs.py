@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, saved, settings, survivors
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.loops import demand
 from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
@@ -34,7 +34,7 @@ class Flight:
     """Stairs, and how the robot knows them."""
 
     rise: float  #: Of each step [m]
-    seen: bool = False  #: By its own depth camera and lidar; else it is told
+    seen: bool = False  #: By its own depth camera and lidar; else by its geometry
     count: Annotated[int, Field(ge=1)] | None = None  #: Risers up, or rows of stones; those of all stairs when None
     gap: Positive | None = None  #: Between stones as long as a tread, of heights up to ``rise``; stairs when None [m]
 
@@ -155,8 +155,7 @@ class StairsBench(Benchmark):
 
     def bounds(self, report: Report) -> dict[str, Bound]:
         config = _config()
-        totals = {name: report.figures.get(f"total_{name}", 0.0) for name in config.rises}
-        return at_least({f"survived_{name}": config.required_share * total for name, total in totals.items()})
+        return survivors(report, config.rises, config.required_share)
 
     def notes(self, report: Report) -> list[str]:
         return super().notes(report) + [

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, saved, settings, survivors
 from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
@@ -115,8 +115,7 @@ class Terrain(Benchmark):
 
     def bounds(self, report: Report) -> dict[str, Bound]:
         config = _config()
-        totals = {name: report.figures.get(f"total_{name}", 0.0) for name in config.conditions}
-        return at_least({f"survived_{name}": config.required_share * total for name, total in totals.items()})
+        return survivors(report, config.conditions, config.required_share)
 
     def notes(self, report: Report) -> list[str]:
         bounds = self.bounds(report)

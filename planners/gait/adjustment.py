@@ -44,10 +44,9 @@ from planners.gait.regions import (
 from planners.gait.route import Footstep
 from planners.gait.step_problem import UNSOLVED, StepProblem, Weights, best_step, weights_of
 from planners.gait.swing import SwingMotion, SwingState, Via
-from planners.gait.tread import bounds_in
+from planners.gait.tread import ANYWHERE, bounds_in
 
 _HURRY = 0.7  #: Shortest single support of a swing to a known height, as a share of its nominal one [-]
-_ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
 
 
 class Walk(Struct, frozen=True):
@@ -212,7 +211,7 @@ class StepPlanner:
 
     def _room(self, walk: Walk) -> Matrix:
         """Least and largest place of the swing sole on its tread in the stance frame (2, 2) [m]."""
-        return bounds_in(walk.stance, walk.landing.hold, walk.landing.tread) if walk.landing else _ANYWHERE
+        return bounds_in(walk.stance, walk.landing.hold, walk.landing.tread) if walk.landing else ANYWHERE
 
     def _coming(self, walk: Walk) -> Matrix:
         """The present stance and the coming footholds (1 + steps, 4).

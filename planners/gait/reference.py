@@ -15,6 +15,7 @@ from planners.gait.footing import ToeOff, turned_about
 from planners.gait.footsteps import Point, mean_heading, middle, wrap
 from planners.gait.measurement import Measurement
 from planners.gait.state import BodyState, GaitPhase, GaitState
+from planners.gait.tread import leg_height
 
 Place = tuple[float, float, float, float]  #: x, y, z [m] and heading [rad] in W
 
@@ -308,20 +309,14 @@ def height_in_reach(
         places[1][1] - (s * under[1, 0] + c * under[1, 1]),
     )
     x, y = left_x - right_x, left_y - right_y
-    height = _leg_height(lean * lean * (x * x + y * y), leg) - 0.5 * abs(over[0] - over[1])
+    height = leg_height(lean * lean * (x * x + y * y), leg) - 0.5 * abs(over[0] - over[1])
     if swinging != 0:
         x, y = left_x - com[0], left_y - com[1]
-        height = min(height, _leg_height(x * x + y * y, leg) + over[0])
+        height = min(height, leg_height(x * x + y * y, leg) + over[0])
     if swinging != 1:
         x, y = right_x - com[0], right_y - com[1]
-        height = min(height, _leg_height(x * x + y * y, leg) + over[1])
+        height = min(height, leg_height(x * x + y * y, leg) + over[1])
     return standing - leg + height
-
-
-@register_jitable
-def _leg_height(square: float, leg: float) -> float:
-    """Height of the hip over a foot at the root of a ``square`` [m^2] beside it, on a leg of a length [m]."""
-    return math.sqrt(max(leg * leg - square, 0.25 * leg * leg))
 
 
 @njit(cache=True)

@@ -53,8 +53,10 @@ class Footstep:
 
 def footstep_of(foot: float, x: float, y: float, yaw: float, z: float, *tread: float) -> Footstep:
     """Step of its ``values``."""
-    room = tread[2:] or None
-    known = Tread((tread[0], tread[1]), room) if tread else None  # type: ignore[arg-type]
+    known = None
+    if tread:
+        rise_x, rise_y, *room = tread
+        known = Tread((rise_x, rise_y), (room[0], room[1], room[2], room[3]) if room else None)
     return Footstep(int(foot), Foothold(x, y, yaw, z), known)
 
 

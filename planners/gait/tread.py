@@ -18,6 +18,7 @@ from planners.gait.footsteps import Foothold, Point, rotated, wrap
 Room = tuple[float, float, float, float]
 
 PEAK = 10.0 / math.sqrt(3.0)  #: Largest acceleration of a quintic from rest to rest over a way in a time [way/time^2]
+ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])  #: Bounds of a place that has none (2, 2) [m]
 _HALVINGS = 20  #: Of the time at which a quintic has covered a share of its way
 _ALONG = 1e-9  #: Least cosine between a direction and an edge's normal for the edge to bound the way [-]
 
@@ -61,7 +62,7 @@ def room_on(polygon: Matrix, hold: Foothold, rectangle: Sequence[float]) -> Room
 def bounds_in(stance: Foothold, hold: Foothold, tread: Tread | None) -> Matrix:
     """Least and largest place of a sole on a tread along both axes of the stance frame (2, 2) [m]."""
     if tread is None or tread.room is None:
-        return np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+        return ANYWHERE
     back, forward, right, left = tread.room
     x, y = stance.relative(hold.x, hold.y)
     turn = abs(wrap(hold.yaw - stance.yaw))
@@ -136,6 +137,12 @@ def swing_time(rise: float, clearance: float, apex: float, acceleration: float) 
     return math.sqrt(PEAK * (abs(rise) + clearance) / acceleration) / up
 
 
+@register_jitable
+def leg_height(square: float, leg: float) -> float:
+    """Height of the hip over a foot at the root of a ``square`` [m^2] beside it, on a leg of a length [m]."""
+    return math.sqrt(max(leg * leg - square, 0.25 * leg * leg))
+
+
 def crouch_between(first: Foothold, last: Foothold, side: float, width: float, leg: float) -> float:
     """How much lower than standing the body is half-way between two soles, with no leg longer than ``leg`` [m].
 
@@ -143,4 +150,4 @@ def crouch_between(first: Foothold, last: Foothold, side: float, width: float, l
     """
     along, left = first.relative(last.x, last.y)
     square = 0.25 * (along * along + (left - side * width) ** 2)
-    return leg - math.sqrt(max(leg * leg - square, 0.25 * leg * leg)) + 0.5 * abs(last.z - first.z)
+    return leg - leg_height(square, leg) + 0.5 * abs(last.z - first.z)

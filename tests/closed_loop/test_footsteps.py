@@ -11,6 +11,7 @@ from models.errors import CommandError, UnreachableError
 from models.types import Mode
 from planners.gait.footsteps import Foothold, middle
 from planners.gait.route import Footstep
+from tests.support import run_until_still
 
 
 @pytest.fixture(scope="module")
@@ -24,14 +25,6 @@ def loop() -> ClosedLoop:
 def standing(loop: ClosedLoop) -> Foothold:
     """Where the robot stands, by its own measurement."""
     return middle(loop.gait.footholds)
-
-
-def run_until_still(loop: ClosedLoop, limit: float) -> None:
-    end = loop.t + limit
-    loop.run(0.1)
-    while not loop.gait.settled:
-        assert loop.t < end and not loop.fallen, loop.fall_reason
-        loop.run(0.05)
 
 
 def test_it_walks_to_a_pose_though_it_is_pushed_and_stands_there(loop: ClosedLoop) -> None:

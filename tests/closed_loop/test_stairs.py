@@ -10,6 +10,7 @@ from models.terrain import Terrain
 from planners.gait.footsteps import middle
 from planners.gait.state import GaitPhase
 from planners.terrain.stairs import Stairs, stair_footsteps
+from tests.support import run_until_still
 
 RISE, TREAD, LANDING = 0.10, 0.30, 0.6  # [m]
 
@@ -25,14 +26,6 @@ def on_stairs(count: int, seed: int) -> tuple[ClosedLoop, int]:
     steps = stair_footsteps(stairs, here, loop.robot, loop.gait.config)
     loop.gait.take_steps(steps)
     return loop, len(steps)
-
-
-def run_until_still(loop: ClosedLoop, limit: float) -> None:
-    end = loop.t + limit
-    loop.run(0.1)
-    while not loop.gait.settled:
-        assert loop.t < end and not loop.fallen, loop.fall_reason
-        loop.run(0.05)
 
 
 def test_a_base_over_the_upper_tread_has_not_fallen_while_the_soles_are_below(monkeypatch: pytest.MonkeyPatch) -> None:
