@@ -76,7 +76,7 @@ class SdkSide:
     def exchange(self) -> None:
         """Publish the present state, and serve what is requested."""
         robot, state = self._robot, self._state
-        sensors = robot.plant.read()
+        sensors = robot.read()
         state.tick, state.mode_machine = robot.tick, robot.mode_machine
         state.motor.q, state.motor.dq, state.motor.tau_est = (
             sensors.q.tolist(),

@@ -6,6 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pinocchio as pin
+from msgspec import structs
 from pydantic.dataclasses import dataclass
 
 from bridge.plants.deviation import Deviation
@@ -17,7 +18,7 @@ from models.errors import ConfigError
 from models.heading import heading
 from models.mujoco_model import mujoco_to_pin
 from models.robot_model import RobotModel
-from models.types import JointCommand, Vector, Vector3
+from models.types import JointCommand, SensorData, Vector, Vector3
 
 STEP = 0.001  #: Physics and drives [s]
 
@@ -73,6 +74,7 @@ class HangingRobot:
         self.refused = 0  #: Commands that were not valid
         self.received = 0  #: Commands that were
         self.command: JointCommand | None = None
+        self._specific_forces = np.zeros((self.ticks, 3))  # of the last steps [m/s^2]
         self._torso = self.plant.mujoco.bodies["torso"]
         self.plant.hoist(self.config.lift)
         self.plant.release()
@@ -107,6 +109,15 @@ class HangingRobot:
         self._pull()
         self.plant.step()
         self.tick += 1
+        self._specific_forces[self.tick % self.ticks] = self.plant.read().accel
+
+    def read(self) -> SensorData:
+        """Measurements of a state; the accelerometer has the mean since the last one, as one that integrates has it.
+
+        A single step would be a systematic error: the commands change at the rate of the states, and the forces of the
+        ground with them.
+        """
+        return structs.replace(self.plant.read(), accel=self._specific_forces.mean(axis=0))
 
     @property
     def due(self) -> bool:

@@ -43,10 +43,10 @@ def _gather(channels: Unboxed[_Channels], values: Vector) -> None:
 class MujocoPlant(SimulatedPlant):
     """Robot, sensors, drives and disturbances in a MuJoCo world.
 
-    A tick is ``read``, ``write``, ``step``. Positions, velocities and the gyro are those at the tick; accelerometer,
-    wrenches and torques are those that acted during the tick before it. The drives evaluate a command with the
-    measurements of the tick; in a tick of several physics steps they do so again before each, with the measurement
-    errors of the tick.
+    A tick is ``read``, ``write``, ``step``. Positions, velocities and the gyro are those at the tick; wrenches and
+    torques are those that acted before it, the accelerometer has the mean over the tick before it. The drives evaluate
+    a command with the measurements of the tick; in a tick of several physics steps they do so again before each, with
+    the measurement errors of the tick.
 
     ``reset`` puts the robot in its 'stand' posture with the soles on the floor and holds its base with a weld until
     ``release``. In a world of several robots each has a plant. ``step`` advances this robot alone, ``step_world``
@@ -101,6 +101,7 @@ class MujocoPlant(SimulatedPlant):
         self._tick = 0
         # True joint positions [rad] and velocities [rad/s] at the tick, (nj,) each
         self._joints_at_tick: tuple[Vector, Vector] | None = None
+        self._specific_forces: list[Vector] = []  # of the physics steps of the last tick, each (3,) [m/s^2]
         self._held = True
         self._clamped: Vector | None = None  # configuration that a jig enforces, in the order of MuJoCo (nq,)
         self.reset()
@@ -138,6 +139,7 @@ class MujocoPlant(SimulatedPlant):
         self.noise.reset(seed)
         self.faults.reset(seed)
         self._sample = self._values = self._command = None
+        self._specific_forces.clear()
 
     def hold(self) -> None:
         self.mujoco.hold(self.data, self._qpos[:3], np.roll(self._qpos[3:7], -1))
@@ -169,6 +171,9 @@ class MujocoPlant(SimulatedPlant):
         if self._sample is None:
             values = np.empty(self.noise.size)
             _gather(self._channels, values)
+            if self._specific_forces:
+                first = 3 * self.robot.nj + 3
+                values[first : first + 3] = np.mean(self._specific_forces, axis=0)
             self._sample = self.noise.measure(self.t, values)
             if self.faults.active:
                 self.faults.sense(self._tick, values, self._values)
@@ -205,13 +210,16 @@ class MujocoPlant(SimulatedPlant):
         """For the world: prepare the physics of a tick."""
         if self._sample is None:
             self.read()  # the errors of the sensors depend on the last tick
+        self._specific_forces.clear()
         if self.world.substeps > 1:
             self._joints_at_tick = self._qpos[self._joint_qpos], self._qvel[self._joint_qvel]
         if self._pushes:
             self._push()
 
-    def clamp_again(self) -> None:
-        """For the world: within a step, restore the configuration that a jig enforces."""
+    def after_substep(self) -> None:
+        """For the world: complete a physics step; a jig enforces its configuration again."""
+        if self.world.substeps > 1:
+            self._specific_forces.append(self.data.sensordata[self.mujoco.accel].copy())
         if self._clamped is not None:
             self._qpos[:] = self._clamped
             self._qvel[:] = 0.0
@@ -292,7 +300,7 @@ def step_world(world: MujocoWorld, plants: Sequence[MujocoPlant]) -> None:
         for mj, (qpos, qvel) in zip(still, kept, strict=True):
             data.qpos[mj.qpos], data.qvel[mj.qvel] = qpos, qvel
         for plant in plants:
-            plant.clamp_again()
+            plant.after_substep()
         mujoco.mj_step1(world.model, data)
     for plant in plants:
         plant.after_step()

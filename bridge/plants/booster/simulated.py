@@ -87,7 +87,7 @@ class BoosterRobot(HangingRobot):
 
     def state(self) -> bytes:
         """The present LowState, serialised."""
-        sensors, record = self.plant.read(), self._record
+        sensors, record = self.read(), self._record
         motors = record["serial"]
         for name, values in (("q", sensors.q), ("dq", sensors.v), ("tau_est", sensors.tau)):
             motors[name][self._motors] = values

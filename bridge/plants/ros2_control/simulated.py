@@ -78,7 +78,7 @@ class ControlledRobot(HangingRobot):
 
     def states(self) -> list[Message]:
         """Messages of this cycle, by source."""
-        sensors, stamp = self.plant.read(), self.stamp
+        sensors, stamp = self.read(), self.stamp
         joints = [values[self._order] for values in (sensors.q, sensors.v, sensors.tau)]
         quaternion = np.roll(self.imu_quaternion, -1)
         found = {

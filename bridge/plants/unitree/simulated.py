@@ -62,7 +62,7 @@ class GantryRobot(HangingRobot):
 
     def state(self) -> bytes:
         """The present LowState, serialised."""
-        sensors, record = self.plant.read(), self._record
+        sensors, record = self.read(), self._record
         motors = record["motor_state"][: self.model.nj]
         motors["mode"] = 1
         motors["q"], motors["dq"], motors["tau_est"] = sensors.q, sensors.v, sensors.tau
