@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 from bridge.launch.ending import EndConfig, lower
 from bridge.launch.robot_network import RobotNetwork
 from bridge.launch.run import run_until_signal, wait_for
+from bridge.ros.client import SETTLE_TIME
 from bridge.ros.environment import claim_graph, graph_environment, join_graph
 from bridge.ros.processes import (
     ACTIVATE,
@@ -62,7 +63,6 @@ def own_motions(robot: str, folder: Path) -> Parameters:
 STARTING = "starting; where the kernels have not been compiled before, that takes a minute or two"
 START_TIMEOUT = 300.0  #: Longest wait for a node to answer while it starts; the first start compiles [s]
 SPIN_TIMEOUT = 0.05  #: Longest wait for a callback between two checks of the processes [s]
-SETTLE_TIME = 0.2  #: Time for a service to discover its new client, which it needs before it can reply [s]
 RESTARTS_MAX = 5  #: Restarts of one process after which the launcher gives up
 
 
@@ -216,13 +216,18 @@ class Graph:
 
     def call(self, service: str, timeout: float = 5.0) -> tuple[bool, str]:
         """Call a Trigger service; returns whether it accepted, and its answer. ``PoiseError`` after ``timeout`` [s]."""
+        answer = self.ask(Trigger, service, Trigger.Request(), timeout)
+        return bool(answer.success), str(answer.message)
+
+    def ask(self, kind: type, service: str, request: Any, timeout: float = 5.0) -> Any:
+        """Response of a service; ``PoiseError`` when it is not there, or does not answer, within ``timeout`` [s]."""
         if service not in self._clients:
-            client = self._clients[service] = self.node.create_client(Trigger, service)
+            client = self._clients[service] = self.node.create_client(kind, service)
             self.wait_for(client.service_is_ready, timeout, f"offering {service}")
             self.spin(SETTLE_TIME)
-        future = self._clients[service].call_async(Trigger.Request())
+        future: Any = self._clients[service].call_async(request)
         self.wait_for(future.done, timeout, f"answering {service}")
-        return bool(future.result().success), str(future.result().message)
+        return future.result()
 
     def _start(self) -> None:
         if self._plant is None:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 PLANNING = 0.5  #: Wait for a motion to be planned, after which it is answered that it was requested [s]
 DISCOVERY = 0.5  #: Time in which a new participant discovers the others; no command is sent before [s]
 LIMITING = 0.3  #: Wait for the gait planner to say that it limits a velocity [s]
+SETTLE_TIME = 0.2  #: Time for a service to discover its new client, without which its answer is lost [s]
 SPIN = 0.01  #: Longest wait for a callback between two checks of a condition [s]
 STOP = "stop"  #: Command that every source may send; never signed, so that no signature can be refused
 
@@ -200,6 +201,7 @@ class Client:
         client = self.node.create_client(kind, service)
         try:
             self.expect(client.service_is_ready, timeout, "service", service)
+            self.spin(SETTLE_TIME)
             future: Any = client.call_async(request)
             if not self.wait(future.done, answer_timeout):
                 raise CommandError(f"service {service} did not answer within {answer_timeout:.0f} s")

@@ -43,7 +43,6 @@ class Calibrated:
         self.offsets: list[Vector] = []
         self._codec = JointStateCodec(robot)
         graph.node.create_subscription(JointState, topics.ENCODER_OFFSETS, self._on_offsets, LATCHED, raw=True)
-        self._hang = graph.node.create_client(SetBool, "hang")
 
     def _on_offsets(self, data: bytes) -> None:
         self.offsets.append(self._codec.decode(data)[1])
@@ -52,11 +51,8 @@ class Calibrated:
         return text_to_reply(*self.graph.call(service, timeout=200.0))
 
     def hang(self, on: bool) -> CommandReply:
-        self.graph.wait_for(self._hang.service_is_ready, 5.0, "offering hang")
-        self.graph.spin(0.2)
-        future = self._hang.call_async(SetBool.Request(data=on))
-        self.graph.wait_for(future.done, 20.0, "answering hang")
-        return CommandReply(future.result().success, future.result().message)
+        answer = self.graph.ask(SetBool, "hang", SetBool.Request(data=on), 20.0)
+        return CommandReply(answer.success, answer.message)
 
     def lift(self) -> None:
         """Into the air, from whatever it does."""

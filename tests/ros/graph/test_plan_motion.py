@@ -54,12 +54,7 @@ class Standing:
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Response of a service."""
-        client = self.graph.node.create_client(kind, name)
-        self.graph.wait_for(client.service_is_ready, 20.0, f"offering {name}")
-        self.graph.spin(0.5)
-        future = client.call_async(request)
-        self.graph.wait_for(future.done, 60.0, f"answering {name}")
-        return future.result()
+        return self.graph.ask(kind, name, request, 60.0)
 
     def hand(self, frame: str) -> Vector:
         """Where a frame truly is in odom, as far as the encoders tell (3,) [m]."""

@@ -36,14 +36,7 @@ class User:
         self._clients: dict[str, Any] = {}
 
     def call(self, kind: Any, name: str, **request: Any) -> Any:
-        if name not in self._clients:
-            client = self._clients[name] = self.graph.node.create_client(kind, name)
-            self.graph.wait_for(client.service_is_ready, 20.0, f"offering {name}")
-            self.graph.spin(0.5)  # until the service has discovered its client
-        client = self._clients[name]
-        future = client.call_async(kind.Request(**request))
-        self.graph.wait_for(future.done, 20.0, f"answering {name}")
-        return future.result()
+        return self.graph.ask(kind, name, kind.Request(**request), 20.0)
 
     def send(self, kind: Any, name: str, goal: Any, feedback: list[Any] | None = None) -> Any:
         """Send a goal; returns its handle once it is accepted."""

@@ -3,7 +3,6 @@
 import math
 import os
 import signal
-from typing import Any
 
 import numpy as np
 import pytest
@@ -246,13 +245,7 @@ def test_the_transforms_of_a_standing_robot_go_on(eyes: Eyes) -> None:
 def test_every_parameter_is_described(eyes: Eyes) -> None:
     from rcl_interfaces.srv import DescribeParameters, ListParameters
 
-    def call(kind: Any, name: str, request: Any) -> Any:
-        client = eyes.graph.node.create_client(kind, name)
-        eyes.graph.wait_for(client.service_is_ready, 5.0, f"offering {name}")
-        future = client.call_async(request)
-        eyes.graph.wait_for(future.done, 5.0, f"answering {name}")
-        return future.result()
-
+    ask = eyes.graph.ask
     for node in (
         "balance_controller",
         "state_estimator",
@@ -263,11 +256,11 @@ def test_every_parameter_is_described(eyes: Eyes) -> None:
     ):
         names = [
             name
-            for name in call(ListParameters, f"{node}/list_parameters", ListParameters.Request()).result.names
+            for name in ask(ListParameters, f"{node}/list_parameters", ListParameters.Request()).result.names
             if not name.startswith(("qos_overrides", "use_sim_time", "start_type_description"))
         ]
         assert len(names) > 3
-        answer = call(DescribeParameters, f"{node}/describe_parameters", DescribeParameters.Request(names=names))
+        answer = ask(DescribeParameters, f"{node}/describe_parameters", DescribeParameters.Request(names=names))
         assert [d.name for d in answer.descriptors if not d.description] == []
 
 

@@ -20,12 +20,7 @@ def test_tuning_a_robot_that_stands(eyes: Eyes, undisturbed: None) -> None:
     graph = eyes.graph
 
     def ask(kind: Any, service: str, request: Any) -> Any:
-        client = graph.node.create_client(kind, f"balance_controller/{service}")
-        graph.wait_for(client.service_is_ready, 5.0, f"offering {service}")
-        graph.spin(0.2)
-        answer = client.call_async(request)
-        graph.wait_for(answer.done, 5.0, f"answering {service}")
-        return answer.result()
+        return graph.ask(kind, f"balance_controller/{service}", request)
 
     (descriptor,) = ask(DescribeParameters, "describe_parameters", DescribeParameters.Request(names=[GAIN])).descriptors
     assert (descriptor.type, descriptor.read_only) == (ParameterType.PARAMETER_DOUBLE, False)
