@@ -111,7 +111,7 @@ class Graph:
         plant: GraphProcess | None = None,
     ) -> None:
         self._plant = plant
-        self._context = None if plant is None else Context()  # one for each of several graphs in a process
+        self._context = Context()  # one for each of several graphs in a process
         self._namespace = absolute_namespace(namespace)
         self._folder = tempfile.TemporaryDirectory(prefix="poise_")
         if calibration is None:
