@@ -295,7 +295,7 @@ class ControlStack:
     def supervise(self, t: float, *, drivers_damped: bool = False, hardware: tuple[str, ...] = ()) -> Mode:
         """Update the supervisor at time ``t`` [s], also when no sample arrives; returns the mode from now on.
 
-        ``hardware`` are the holds of a real robot's monitors.
+        ``hardware`` are the holds of a real robot's monitors. A walk comes to a standstill under a hold.
         """
         status = self.status
         health = Health(
@@ -310,8 +310,11 @@ class ControlStack:
             hardware=hardware,
             coasting=0.0 if self._estimator is None else self.estimator.health.coasting,
         )
+        free = not self.supervisor.holds
         mode = self.supervisor.update(health, t)
         self.enter(mode)
+        if self.walking and free and self.supervisor.holds:
+            self.velocity_input.stop()
         return mode
 
     # Outputs

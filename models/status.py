@@ -113,7 +113,7 @@ class StartStatus(Status, frozen=True):
     state: str  # of ``bridge/driver/startup.py``
     waits_for: str = ""  # what ends it; empty for nothing
     warnings: tuple[str, ...] = ()  # of the monitors, without an effect
-    holds: tuple[str, ...] = ()  # of the monitors: no motion and no walk may begin
+    holds: tuple[str, ...] = ()  # of the monitors: no motion and no walk may begin, and a walk ends
     values: tuple[str, ...] = ()  # newest ones of the monitors, with name and unit
     remote: str = ""  # when the remote controller has given its last sign; empty without one
 

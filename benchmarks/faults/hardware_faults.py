@@ -152,10 +152,12 @@ class Trial:
         ok = damped if row.expect == "damps" else up and not damped and loop.startup.state is StartState.STAND
         if row.expect == "holds":
             reply = loop.stack.command("walk")
-            ok = ok and not reply.accepted and loop.stack.mode is Mode.STAND
+            ok = ok and not reply.accepted and loop.stack.gait.settled
             reasons.append(reply.reason)
         elif row.expect == "goes on":
-            ok = ok and not loop.plant.holds and loop.stack.mode is (Mode.WALK if row.walk else Mode.STAND)
+            ok = ok and not loop.plant.holds
+        if row.expect != "damps":
+            ok = ok and loop.stack.mode is (Mode.WALK if row.walk else Mode.STAND)
         reason = "; ".join(dict.fromkeys(filter(None, reasons)))
         on_time = row.within is None or (self._reacted is not None and self._reacted <= row.within)
         seen = f"start '{loop.startup.state}'"

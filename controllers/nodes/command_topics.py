@@ -125,8 +125,10 @@ class CommandTopics:
             self._commander_topic.publish(String(data=commander))
 
     def _allowed(self, t: float) -> Velocity:
-        """The commanded velocity as limited by obstacles; a walk to a blocked goal is ended."""
+        """The commanded velocity as limited by holds and obstacles; a walk to a goal, held or blocked, is ended."""
         velocity = STILL if self._law.still else self._arbiter.velocity(t)
+        if self._on_the_way and self._law.still:
+            self._end_walk()
         if self._obstacles is None:
             return velocity
         before, desired = self._obstacle, self._reports.walking_velocity if self._on_the_way else velocity
@@ -136,9 +138,13 @@ class CommandTopics:
         if not self._on_the_way:
             return allowed
         if not any(allowed[:2]) and any(desired[:2]):
-            self._on_the_way = False
-            self._stop.publish(Empty())
+            self._end_walk()
         return velocity
+
+    def _end_walk(self) -> None:
+        """End a walk to a goal."""
+        self._on_the_way = False
+        self._stop.publish(Empty())
 
     def reply(self, source: str, topic: str, text: str) -> CommandReply:
         """Answer a word that came on a topic or with a service; the reply is logged and acted on."""

@@ -20,7 +20,7 @@ from models.nodes.perception import scan_to_message
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.robot_model import RobotModel
 from models.scan import Scan
-from models.status import GaitStatus, NodeStatus, RouteState, RouteStatus
+from models.status import GaitStatus, NodeStatus, RouteState, RouteStatus, StartStatus
 from tests.ros.conftest import StatusTopic
 from tests.ros.supervisor_world import World
 
@@ -239,6 +239,26 @@ def test_an_obstacle_ends_the_way_ahead_and_a_walk_to_a_goal(bench: Any, world: 
     route.publish(RouteStatus(RouteState.RUNNING, 9))
     bench.wait(lambda: halted)
     bench.world.destroy_timer(timer)
+
+
+def test_a_monitor_of_a_real_robot_ends_a_velocity_and_a_walk_to_a_goal(
+    bench: Any, world: World, g1: RobotModel
+) -> None:
+    sources, ahead, still = Sources(bench, world, g1, look_ahead=False), (0.3, 0.0, 0.0), (0.0, 0.0, 0.0)
+    start = StatusTopic(bench.world, topics.START_STATUS, LATCHED)
+    route = StatusTopic(bench.world, topics.ROUTE_STATUS)
+    halted: list[Empty] = []
+    bench.world.create_subscription(Empty, topics.GAIT_STOP, halted.append, EVENT)
+    bench.wait(lambda: start.get_subscription_count() == 1 and route.get_subscription_count() == 1)
+    assert world.call("mode/walk")[0]
+    sources.until(ahead, (sources.plain, ahead))
+    start.publish(StartStatus("stand", holds=("motor temperature of 'left_knee_joint'",)))
+    sources.until(still, (sources.plain, ahead))
+    halted.clear()
+    route.publish(RouteStatus(RouteState.RUNNING, 9))
+    bench.wait(lambda: halted)
+    start.publish(StartStatus("stand"))
+    sources.until(ahead, (sources.plain, ahead))
 
 
 def test_with_a_key_words_are_signed_and_all_but_stop_is_refused_without(
