@@ -169,7 +169,8 @@ class HardwareDrivers(Drivers):
         doubts = () if startup.commands else self.plant.doubts
         inputs = StartInputs(
             sensors, findings, doubts, vendor, self._load.load, self._load.tilt,
-            driven=self.awaits_command and servo.commanded, stop=stop, stale=self.stale,
+            driven=self.awaits_command and servo.commanded, stop=stop, stale=self.stale, holds=self.plant.holds,
+            pressed=self.plant.pressed,
         )  # fmt: skip
         if startup.update(inputs) is StartState.RELEASE:
             self.plant.release_vendor()

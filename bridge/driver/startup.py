@@ -4,17 +4,18 @@
                                                          any of these from release on -> damped -> damp, or listen
                                                          stand -> relax -> damped
 
-Nothing is commanded before ``release`` has ended; the vendor's controller is in command until then. Where the last
-driver crashed, ``listen`` waits until robot and state of that controller are known: with none active the robot is
-``damped``, with one the start begins anew. While they are unknown nothing is commanded, unless the operator requests
-damping. ``gantry`` waits for the operator's confirmation that the robot hangs from a gantry, ``hanging`` for ``lower``.
-The robot must hang upright, without load on its feet, at the confirmation and until it is ``hanging``. ``held`` is
-stiff in the standing posture until the load on the feet, which follows from the joint torques, equals the weight. The
-stiff hold includes the torques of that load at the measured posture: gravity does not weaken its springs, and a CoM
-beside that of the model makes the robot lean less. ``loaded`` stays stiff until the joint drivers execute commands,
-which then replace the stiff hold over the time ``fade``; a robot that is lifted before that is ``held`` again.
-``damped`` waits for the operator to hang the robot up; when the vendor's controller becomes active, commands end, and
-the start begins again.
+Nothing is commanded before ``release`` has ended, unless nobody else commands the robot and damping is requested.
+Where the last driver crashed, ``listen`` waits until robot and state of that controller are known: with none active
+the robot is ``damped``, with one the start begins anew. While they are unknown nothing is commanded, unless the
+operator requests damping. ``gantry`` waits for the operator's confirmation that the robot hangs from a gantry,
+``hanging`` for ``lower``. The robot must hang upright, without load on its feet, at the confirmation and until it is
+``hanging``. One that topples before it stands by itself is damped, and none is put on its feet under a hold of the
+monitors. ``held`` is stiff in the standing posture until the load on the feet, which follows from the joint torques,
+equals the weight. The stiff hold includes the torques of that load at the measured posture: gravity does not weaken
+its springs, and a CoM beside that of the model makes the robot lean less. ``loaded`` stays stiff until the joint
+drivers execute commands, which then replace the stiff hold over the time ``fade``; a robot that is lifted before that
+is ``held`` again. ``damped`` waits for the operator to hang the robot up; when the vendor's controller becomes
+active, commands end, and the start begins again.
 """
 
 from collections.abc import Callable, Sequence
@@ -54,6 +55,8 @@ class StartupConfig:
     load_time: NonNegative
     tilt_max: Positive
     hang_load_max: Fraction
+    topple_tilt: Positive
+    topple_time: NonNegative
     fade: Positive
     relax_height: Fraction
     relax_time: Positive
@@ -75,7 +78,10 @@ class StartState(StrEnum):
     DAMPED = "damped"  # after a stop or a fault
 
 
-BEFORE_RELEASE = (StartState.LISTEN, StartState.GANTRY)  #: The vendor's controller is in command
+#: Nothing is commanded yet; the vendor's controller is in command, unless it was released before
+BEFORE_RELEASE = (StartState.LISTEN, StartState.GANTRY)
+#: Stiff on the rope, or on the feet without balance
+_STIFF = (StartState.PREPARE, StartState.HANGING, StartState.HELD, StartState.LOADED)
 _WAITS = {
     StartState.GANTRY: "the operator: hang the robot from its gantry and call start/confirm_gantry",
     StartState.HANGING: "the operator: call start/lower, and lower the robot onto its feet",
@@ -96,6 +102,8 @@ class StartInputs(NamedTuple):
     driven: bool = False  # the joint drivers execute commands
     stop: str = ""  # reason to damp at once
     stale: float = 0.0  # since the sample came [s]
+    holds: Sequence[str] = ()  # of the monitors
+    pressed: str = ""  # stop button of the remote controller
 
 
 class Startup:
@@ -129,6 +137,9 @@ class Startup:
         self._damping = damping_command(model)
         self._data = model.data()
         self._standing = np.zeros(model.nj)  # torques of the load on the feet (nj,) [N.m]
+        self._holds_on: Sequence[str] = ()  # present holds of the monitors
+        self._vendor: str | None = None
+        self._toppled = 0.0  # time for which the base has been tilted too far [s]
         self._elapsed = 0.0  # in this state, by the robot's clock, which the driver continues without samples [s]
         self._good = 0.0  # time for which the condition of the state has held [s]
         self._t: float | None = None
@@ -144,6 +155,8 @@ class Startup:
     def waits_for(self) -> str:
         """What ends the present state; empty for none."""
         state, config = self.state, self.config
+        if state is StartState.HANGING and (reasons := "; ".join(filter(None, (*self._holds_on, self._grounded)))):
+            return f"{_WAITS[state]} ({reasons})"
         if state in _WAITS:
             return f"{_WAITS[state]} (before: {self.reason})" if self.reason else _WAITS[state]
         if state is StartState.LISTEN and self._crashed:
@@ -159,7 +172,7 @@ class Startup:
         if state is StartState.RELAX:
             return f"the robot to sink, {max(config.relax_time - self._elapsed, 0.0):.1f} s"
         if state is StartState.HELD:
-            return f"the weight on the feet: {100.0 * self.load:.0f} %"
+            return "; ".join(self._holds_on) or f"the weight on the feet: {100.0 * self.load:.0f} %"
         if self._crashed:
             return f"the operator: hang the robot up, end poise up with Ctrl-C and start it again ({self.reason})"
         return f"the operator: hang the robot up and call start/prepare (damped: {self.reason})"
@@ -213,6 +226,10 @@ class Startup:
     def lower(self) -> str:
         """The operator lowers the robot."""
         self._require("lower", StartState.HANGING)
+        if self._holds_on:
+            raise CommandError(f"lower refused: {'; '.join(self._holds_on)}")
+        if not self.tilt < self.config.tilt_max:
+            raise CommandError(f"lower refused: {self._grounded}; hang the robot upright, and call it again")
         self._enter(StartState.HELD)
         self.load = 0.0  # whose torques begin without a step
         return "lower the robot; it stands by itself when its feet bear the weight"
@@ -231,18 +248,22 @@ class Startup:
     def damp(self, reason: str) -> str:
         """Damp the robot at once.
 
-        Before the release the vendor's controller is in command, and this is refused, but not after a crash, where the
+        This is refused where the vendor's controller is in command, or may be, but not after a crash, where the
         operator sees what the messages do not say.
         """
-        if self.state in BEFORE_RELEASE and not self._crashed:
-            raise CommandError(
-                "damp refused: nothing is commanded yet; use the robot's stop"
-                + (f", or that of {self._own}" * bool(self._own))
-            )
+        if self.state in BEFORE_RELEASE and not self._limp:
+            doubts = "; ".join(self._doubts) if self._vendor == "" else "nothing is commanded yet"
+            stops = f", or that of {self._own}" if self._own and self._vendor != "" else ""
+            raise CommandError(f"damp refused: {doubts}; use the robot's stop{stops}")
         if self.state is not StartState.DAMPED:
             self.reason = reason
             self._enter(StartState.DAMPED)
         return "joints are damped"
+
+    @property
+    def _limp(self) -> bool:
+        """Whether nobody is known to command the robot while this computer does not either."""
+        return not self.commands and ((self._crashed and not self._vendor) or (self._vendor == "" and not self._doubts))
 
     def relax(self) -> str:
         """Let the standing robot sink slowly, from a low posture: it loses its balance on the way."""
@@ -258,19 +279,24 @@ class Startup:
         t = sensors.t + inputs.stale if sensors.t > 0.0 else 0.0
         dt = 0.0 if self._t is None else max(t - self._t, 0.0)
         self._t, self._findings = t, inputs.findings
-        self._doubts = inputs.doubts
+        self._doubts, self._holds_on, self._vendor = inputs.doubts, inputs.holds, inputs.vendor
         if self._crashed and self.state is StartState.LISTEN and np.isfinite(sensors.tau).all():
             self._at_fault = JointCommand.torque(sensors.tau)  # of the command that the last driver left
         self._elapsed += dt
         share = min(dt / config.load_window, 1.0)
         self.tilt = self.tilt + share * (inputs.tilt - self.tilt) if np.isfinite(self.tilt) else inputs.tilt
         self.load += share * (inputs.load - self.load) if np.isfinite(inputs.load) else -share * self.load
+        self._toppled = self._toppled + dt if self.tilt > config.topple_tilt else 0.0
         if self.state is StartState.DAMPED:
             self._hand_over(inputs, dt)
+        elif inputs.pressed and self._limp:
+            self.damp(inputs.pressed)
         elif self._crashed:
             self._recover(inputs, dt)
         elif inputs.stop:
             self._stop(inputs)
+        elif self.state in _STIFF and self._toppled > config.topple_time:
+            self.damp(f"the base is tilted by {self.tilt:.2f} rad, {config.topple_tilt:g} rad at most")
         elif self.state is StartState.LISTEN:
             if self._holds(not inputs.findings, dt, config.listen_time):
                 self._enter(StartState.GANTRY)
@@ -289,10 +315,12 @@ class Startup:
                 self._follow_ramp(sensors.q)
         elif self.state is StartState.HELD:
             stands = abs(self.load - 1.0) < config.load_tolerance and self.tilt < config.tilt_max
-            if self._holds(stands, dt, config.load_time):
+            if self._holds(stands and not inputs.holds, dt, config.load_time):
                 self._enter(StartState.LOADED)
         elif self.state is StartState.LOADED:
-            if inputs.driven:
+            if inputs.holds:
+                self._enter(StartState.HELD)
+            elif inputs.driven:
                 self._enter(StartState.STAND)
             elif self._holds(abs(self.load - 1.0) > 2.0 * config.load_tolerance, dt, config.load_time):
                 self._enter(StartState.HELD)

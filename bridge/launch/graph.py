@@ -191,11 +191,7 @@ class Graph:
         end = time.monotonic() + duration
         while time.monotonic() < end:
             self._tick(min(SPIN_TIMEOUT, max(end - time.monotonic(), 0.0)))
-            for process in self._processes:
-                if process.kill_silent():
-                    self._say(f"{process.spec.module} sent no heartbeat for {process.spec.silence_max:g} s: killed")
-            for process in [each for each in self._processes if each.exit_code is not None]:
-                self._restart(process)
+            self._supervise(self._processes)
 
     def wait_for(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
         """Serve callbacks until a condition is met; ``PoiseError`` with ``what`` after ``timeout`` [s]."""
@@ -260,6 +256,14 @@ class Graph:
         for transition in (CONFIGURE, ACTIVATE):
             self._change(BRIDGE.nodes, transition)
 
+    def _supervise(self, processes: Sequence[GraphProcess]) -> None:
+        """Kill silent processes, and restart those that have ended."""
+        for process in processes:
+            if process.kill_silent():
+                self._say(f"{process.spec.module} sent no heartbeat for {process.spec.silence_max:g} s: killed")
+        for process in [each for each in processes if each.exit_code is not None]:
+            self._restart(process)
+
     def _restart(self, process: GraphProcess) -> None:
         if not count_restart(process, self._say):
             self._say(f"{process.spec.module} crashed {process.restarts} times: the graph goes on without it")
@@ -279,6 +283,7 @@ class Graph:
             for process in concerned:
                 if process.exit_code is not None:
                     raise PoiseError(f"{process.spec.module} ended with code {process.exit_code} while starting")
+            self._supervise([each for each in self._processes if not each.spec.nodes])  # the guard of a real robot
 
         change_state(self.node, spin, names, transition, START_TIMEOUT)
 

@@ -9,10 +9,13 @@ driver, which holds the robot without them, and for the launcher, which replaces
 """
 
 import os
+import queue
 import signal
 import sys
 import time
+from contextlib import suppress
 from importlib import import_module
+from threading import Thread
 
 from bridge.plants.config import read_options
 from bridge.plants.hardware import real_robot
@@ -20,6 +23,25 @@ from bridge.ros.heartbeat import beat
 from models.errors import PoiseError
 from models.nodes import realtime
 from models.robot_model import RobotModel
+
+
+class Voice:
+    """Says what happens, in another thread: nobody has to read it, and the guard goes on."""
+
+    def __init__(self) -> None:
+        self._texts: queue.Queue[str] = queue.Queue(maxsize=20)
+        Thread(target=self._write, daemon=True).start()
+
+    def say(self, text: str) -> None:
+        """Say a text, unless too many wait."""
+        with suppress(queue.Full):
+            self._texts.put_nowait(f"damping_guard: {text}\n")
+
+    def _write(self) -> None:
+        while True:
+            text = self._texts.get()
+            with suppress(OSError):
+                os.write(1, text.encode())  # a lock of sys.stdout would be held by a terminal that was stopped
 
 
 def main(args: list[str] | None = None) -> None:
@@ -35,7 +57,8 @@ def main(args: list[str] | None = None) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: ending.append(number))
     config = real_robot()
-    realtime.use_fifo(config.guard_priority, lambda text: print(f"damping_guard: {text}", flush=True))
+    voice = Voice()
+    realtime.use_fifo(config.guard_priority, voice.say)
     due = time.monotonic()
     reported = limit = 0  # interventions, and number of foreign commands that is reported when exceeded
     try:
@@ -51,9 +74,9 @@ def main(args: list[str] | None = None) -> None:
                 link.send(command)
             if guard.interventions > reported:
                 reported = guard.interventions
-                print("damping_guard: the driver is silent: damping", flush=True)
+                voice.say("the driver is silent: damping")
             if guard.foreign > limit and guard.armed:
-                print(f"damping_guard: another program commands the robot: {guard.foreign} commands", flush=True)
+                voice.say(f"another program commands the robot: {guard.foreign} commands")
                 limit = 10 * guard.foreign
             ended = bool(ending) or os.getppid() != parent
             if ended and (not guard.armed or guard.silence(now) > config.guard_time):

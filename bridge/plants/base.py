@@ -94,6 +94,11 @@ class HardwarePlant(Plant, Protocol):
         """Reason to damp at once: the remote controller or a monitor; empty for none."""
 
     @property
+    def pressed(self) -> str:
+        """Stop button that is pressed on the remote controller, other than to try it; empty for none."""
+        return ""
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What the monitors report, without an effect."""
 

@@ -103,8 +103,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
             self._foreign += foreign
         waiting, self._waiting = [*self._waiting, *self._link.take()], []
         samples = [sample for message in waiting if (sample := self._use(message)) is not None]
-        if pressed := self._pressed.intersection(self._hardware.stop_buttons):
-            self._stop = f"button {', '.join(sorted(pressed))} of the remote controller"
+        self._stop = self._button
         self.counter.idle(arrived=bool(samples))
         for sample in samples:
             self._accept(sample)
@@ -114,6 +113,16 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         if not self._stop and self.monitor.damps:
             self._stop = "; ".join(self.monitor.damps)
         return self._sensors
+
+    @property
+    def pressed(self) -> str:
+        return self._button
+
+    @property
+    def _button(self) -> str:
+        """Stop button in the messages of the newest ``read``; empty for none."""
+        buttons = self._pressed.intersection(self._hardware.stop_buttons)
+        return f"button {', '.join(sorted(buttons))} of the remote controller" if buttons else ""
 
     @property
     def arrived(self) -> bool:

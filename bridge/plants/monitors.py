@@ -109,6 +109,9 @@ class HardwareMonitor:
             self._worst("torque saturation", "", self._saturated, np.argmax, given.torque_saturation),
             beyond("lost states", self._loss, "", given.lost_packets),
             self._error(sample.motor_state),
+            None
+            if given.voltage is None or sample.voltage.any()
+            else Finding(Level.WARN, "voltage: measured by no drive, so that a low one is not noticed"),
         ]
 
     def _worst(

@@ -56,14 +56,21 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
             raise ConfigError(f"robot '{model.name}' needs hardware.mode_machine and hardware.voltage in its profile")
         self._remote = remote
         self.tried = not remote  #: Whether a stop button has been pressed
+        self._released = not remote  # whether it has been let go since
         self._unchanged = np.inf  # time since the last change of the remote controller [s]
         self._link = self._robot = DdsLink(domain) if link is None else link
 
     def _decode(self, message: bytes) -> UnitreeSample:
         sample = self._codec.decode(message)
         self._pressed |= sample.pressed
-        self.tried = self.tried or not sample.pressed.isdisjoint(self._hardware.stop_buttons)
+        pressed = not sample.pressed.isdisjoint(self._hardware.stop_buttons)
+        self._released = self._released or (self.tried and not pressed)
+        self.tried = self.tried or pressed
         return sample
+
+    @property
+    def pressed(self) -> str:
+        return self._button if self._released else ""
 
     def _accept(self, sample: UnitreeSample) -> None:
         before = self._sample

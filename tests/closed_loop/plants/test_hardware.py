@@ -142,6 +142,16 @@ def test_each_state_of_the_start_may_be_stopped(loop: HardwareLoop, state: Start
         assert loop.startup.state is StartState.DAMPED and damping(loop.link.sent[-1])
 
 
+def test_a_robot_whose_controller_was_released_before_is_damped_by_the_button(tmp_path: Path) -> None:
+    """Nobody else could: it is limp."""
+    loop = HardwareLoop(tmp_path / "marker", released=True)
+    loop.reach(StartState.GANTRY)
+    assert not loop.link.sent
+    loop.side.press(B_BUTTON)
+    loop.run(0.05)
+    assert loop.startup.state is StartState.DAMPED and damping(loop.link.sent[-1])
+
+
 def test_a_lying_robot_is_neither_released_nor_prepared(loop: HardwareLoop) -> None:
     loop.side.hooked = False
     loop.run(3.0)
@@ -162,6 +172,36 @@ def test_a_robot_that_comes_off_the_rope_is_damped_and_not_prepared_where_it_lie
     loop.run(3.0)
     with pytest.raises(CommandError, match="prepare refused: the base is tilted by"):
         loop.startup.prepare()
+
+
+@pytest.mark.parametrize("lowered", [False, True])
+def test_a_robot_that_topples_before_it_stands_by_itself_is_damped(loop: HardwareLoop, lowered: bool) -> None:
+    loop.reach(StartState.GANTRY)
+    loop.startup.confirm_gantry()
+    loop.reach(StartState.HANGING)
+    if lowered:
+        loop.startup.lower()
+    loop.side.hooked = False
+    loop.run(0.1)
+    loop.side.plant.push((250.0, 0.0, 0.0), 0.4)
+    loop.run(1.5)
+    assert loop.startup.state is StartState.DAMPED and "rad, 0.5 rad at most" in loop.startup.waits_for
+    assert damping(loop.link.sent[-1])
+
+
+def test_no_robot_is_put_on_its_feet_under_a_hold(loop: HardwareLoop) -> None:
+    loop.reach(StartState.GANTRY)
+    loop.startup.confirm_gantry()
+    loop.reach(StartState.HANGING)
+    loop.startup.lower()
+    loop.side.rope_speed = loop.side.config.lowering_speed
+    loop.run(0.5)
+    loop.side.temperature[:] = 91.0
+    loop.run(6.0)
+    assert loop.startup.state is StartState.HELD and loop.startup.load == pytest.approx(1.0, abs=0.1)
+    assert "91 degC above 90 degC" in loop.startup.waits_for and loop.stack.mode is Mode.OFF
+    loop.side.temperature[:] = 40.0
+    loop.reach(StartState.STAND)
 
 
 @pytest.mark.slow
@@ -235,6 +275,8 @@ def test_a_robot_without_its_guard_is_not_released_and_not_prepared(loop: Hardwa
     loop.running.discard(Process.GUARD)
     loop.run(1.1)
     assert loop.plant.holds and not loop.plant.warnings and loop.startup.state is StartState.HANGING
+    with pytest.raises(CommandError, match="lower refused: guard process silent for more than 1 s"):
+        loop.startup.lower()
     loop.startup.damp("test")
     loop.run(0.1)
     with pytest.raises(CommandError, match="prepare refused: guard process silent for more than 1 s"):

@@ -103,14 +103,14 @@ def monitor_of(model: RobotModel) -> HardwareMonitor:
 def watch(
     monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 0, foreign: int = 0, **values: float
 ) -> None:
-    """Feed states with the same values for all motors, or for the motor with index ``joint``."""
+    """Feed states with other values for all motors (``joint`` -1), the one with index ``joint``, or the left knee."""
     codec = UnitreeCodec(model, RobotClock(0.002, 1.0))
     record = np.zeros(1, LOW_STATE)[0]
     motors = record["motor_state"]
     motors["temperature"], motors["vol"] = 40, 50.0
     joint = int(values.pop("joint", 3))
     for name, value in values.items():
-        motors[name][joint] = value
+        motors[name][slice(None) if joint < 0 else joint] = value
     for tick in range(round(time / 0.002)):
         record["tick"] = 2 * tick
         monitor.step(codec.decode(write_low_state(record)), lost, 0.002 * (lost + 1), foreign)
@@ -126,6 +126,7 @@ def watch(
         ({"vol": 43.0}, "warnings", "voltage of 'left_knee_joint': 43 V below 44 V"),
         ({"vol": 30.0}, "damps", "voltage of 'left_knee_joint': 30 V below 39 V"),
         ({"vol": 0.0}, "none", ""),
+        ({"vol": 0.0, "joint": -1}, "warnings", "voltage: measured by no drive, so that a low one is not noticed"),
         ({"motorstate": 0x40}, "holds", "motor of 'left_knee_joint': error word 0x40"),
         ({"motorstate": 1, "joint": 33}, "none", ""),  # no motor of this robot
     ],

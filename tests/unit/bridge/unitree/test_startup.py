@@ -310,6 +310,33 @@ def test_damped_robots_start_again_from_the_gantry(bench: Bench) -> None:
     assert bench.startup.state is StartState.HANGING
 
 
+def test_a_robot_that_nobody_commands_may_be_damped_before_the_release(g1: RobotModel) -> None:
+    for pressed in (False, True):
+        bench = Bench(g1)
+        bench.inputs["vendor"] = ""
+        bench.inputs["doubts"] = ("mode_machine 4 is another robot",)
+        bench.tick()
+        with pytest.raises(CommandError, match="damp refused: mode_machine 4 is another robot"):
+            bench.startup.damp("test")
+        bench.inputs["pressed"] = "button B"
+        assert bench.tick() is None
+        bench.inputs |= {"doubts": (), "pressed": "button B" if pressed else ""}
+        if not pressed:
+            assert bench.tick() is None
+            bench.startup.damp("button B")
+        command = bench.tick()
+        assert bench.startup.state is StartState.DAMPED and "button B" in bench.startup.waits_for
+        assert command is not None and command.kp is not None and not command.kp.any()
+
+
+def test_after_a_crash_the_stop_button_damps_while_the_controller_is_unknown(g1: RobotModel) -> None:
+    for vendor, damped in ((None, True), ("ai", False)):
+        bench = Bench(g1, crashed=True)
+        bench.inputs |= {"vendor": vendor, "doubts": ("no answer",), "pressed": "button B", "stop": "button B"}
+        bench.tick()
+        assert (bench.startup.state is StartState.DAMPED) == damped
+
+
 def test_after_a_crash_only_damping_is_possible(g1: RobotModel) -> None:
     bench = Bench(g1, crashed=True)
     bench.inputs["vendor"] = ""
