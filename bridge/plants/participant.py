@@ -105,8 +105,9 @@ class Topics(NamedTuple):
 class ServiceLink(LowLink):
     """A robot over rclpy, in its domain, whose service over messages names its active controller.
 
-    The service is asked every ``ask_period`` [s]; its answer is unknown ``answer_age_max`` later. The transports are
-    those of this process. Raises ``MessageError`` when the types of the messages are not built.
+    The service is asked every ``ask_period`` [s], and after a request that changes the controller as soon as it has
+    answered; its answer is unknown ``answer_age_max`` later. The transports are those of this process. Raises
+    ``MessageError`` when the types of the messages are not built.
     """
 
     def __init__(self, domain: int, name: str, topics: Topics, ask_period: float | None = None) -> None:
@@ -144,7 +145,8 @@ class ServiceLink(LowLink):
             while (response := take(self._responses)) is not None:
                 if (name := self._name_in(response)) is not None:
                     self._vendor, self._answered = name, now
-            if now - self._asked >= self._ask_period and self._reachable:
+            changing = now - self._changed < self._config.answer_age_max and self._answered >= self._asked
+            if (changing or now - self._asked >= self._ask_period) and self._reachable:
                 self._asked = now
                 self._ask()
         return self._vendor if now - self._answered <= self._config.answer_age_max else None
