@@ -26,7 +26,7 @@ Doubles are written so that they are read back bit for bit. Each entry is a list
 ``hold_velocity`` forward, left, turn    the same, repeated at every tick from here on
 ``stop``                                 of a walk
 ``walk_to`` x, y, yaw, z                 goal of a walk [m, m, rad, m]
-``take_steps`` [[foot, x, y, yaw, z]...] footsteps
+``take_steps`` [[foot, x, y, yaw, z]...], touchdown  footsteps, and after which touchdown of a route, null from standing
 ======================================== ========================================================================
 """
 

@@ -469,10 +469,10 @@ class ControlStack:
         self.gait.walk_to(goal)
         self._record("walk_to", *structs.astuple(goal))
 
-    def take_steps(self, steps: Sequence[Footstep]) -> None:
+    def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
         """Take footsteps; see ``GaitPlanner.take_steps``."""
-        self.gait.take_steps(steps)
-        self._record("take_steps", [step.values for step in steps])
+        self.gait.take_steps(steps, after)
+        self._record("take_steps", [step.values for step in steps], after)
 
     # Stages
 

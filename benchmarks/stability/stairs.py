@@ -1,4 +1,4 @@
-"""Stairs of known geometry, walked without eyes; stairs and stones that the robot sees, stopping to look and plan."""
+"""Stairs of known geometry, walked without eyes; stairs and stones that the robot sees."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,18 +15,19 @@ from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.loops import demand
 from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
 from bridge.closed_loop import ClosedLoop
-from models.config import STRICT, Positive, Share
+from models.config import STRICT, NonNegative, Positive, Share
 from models.terrain import Terrain
 from planners.gait.footsteps import middle
 from planners.gait.route import Footstep
 from planners.terrain.footholds import GroundPlanner
+from planners.terrain.ground_route import Answer, GroundRoute
 from planners.terrain.stairs import Stairs, stair_footsteps
 
 _SETTLE = 4.0  #: After the planned footsteps, until the walk counts as stuck [s]
-_LOOK = 1.0  #: For which the robot stands and maps before it plans [s]
+_PERIOD = 0.02  #: Of the requests for plans [s]
 _BEHIND = 4.0  #: Level ground behind stairs [m]
 _ROUNDING = 1e-6  #: Of the length of the ground [m]
-_AHEAD = 2.0  #: How far it plans at most [m]
+_BEYOND = 0.3  #: How far behind the last riser a walk on sight goes [m]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -52,7 +53,8 @@ class StairsConfig:
     record_period: Positive
     shown: Positive
     seen_ahead: Positive
-    looks: Annotated[int, Field(ge=1)]
+    limit: Positive
+    plan_delay: NonNegative
     rises: dict[str, Flight]
     goals: dict[str, Flight]
 
@@ -78,9 +80,11 @@ def climb(robot: str, seed: int, scenario: str) -> Case:
     terrain = replace(terrain, patch=patch, length=way + behind)
     loop = ClosedLoop(robot, seed=seed, terrain=terrain, terrain_map=flight.seen, record_period_s=config.record_period)
     demand(loop, "walk")
+    ended = ""
     start, x, gait = loop.t, float(loop.truth.q[0]), loop.gait
     if flight.seen:
-        _look_and_walk(loop, way)
+        route = _walk_on_sight(loop, way + _BEYOND - float(loop.truth.q[0]))
+        ended = route.outcome or f"under way after {config.limit:g} s"
     else:
         loop.run(0.2)
         here = middle(gait.footholds)
@@ -94,7 +98,7 @@ def climb(robot: str, seed: int, scenario: str) -> Case:
     legs = [joint - 6 for foot in loop.robot.feet for joint in foot.joint_ids_v]
     outcome: Case = {
         "fell": loop.fallen,
-        "reason": loop.fall_reason or "; ".join(loop.faults) or ("" if done else "did not arrive"),
+        "reason": loop.fall_reason or "; ".join(loop.faults) or ("" if done else ended or "did not arrive"),
         "time": loop.t - start,
         "distance": float(loop.truth.q[0]) - x,
         "steps": gait.steps,
@@ -116,17 +120,20 @@ def _take(loop: ClosedLoop, steps: Sequence[Footstep]) -> None:
         loop.run(0.1)
 
 
-def _look_and_walk(loop: ClosedLoop, way: float) -> None:
-    """Map the ground, plan footsteps on it and take them, in turn, until the robot is ``way`` [m] ahead."""
-    loop.run(_LOOK)
-    for _ in range(_config().looks):
-        plan = GroundPlanner(loop.ground_view.mapper, loop.gait.config).plan_ahead(middle(loop.gait.footholds), _AHEAD)
-        if not plan.steps:
-            return
-        _take(loop, plan.steps)
-        if loop.fallen or loop.truth.q[0] > way:
-            return
-        loop.run(_LOOK)
+def _walk_on_sight(loop: ClosedLoop, distance: float) -> GroundRoute:
+    """Walk straight ahead on the ground that the robot maps, over a distance [m], until it stands, falls or is stuck."""
+    planner, route, config = GroundPlanner(loop.robot, loop.gait.config), GroundRoute(loop.gait, loop.gait), _config()
+    loop.run(_PERIOD)
+    route.begin(middle(loop.gait.footholds), distance)
+    latest, answers = loop.t + config.limit, list[tuple[float, Answer]]()
+    while loop.t < latest and not loop.fallen and route.active:
+        if (request := route.request(loop.t)) is not None:
+            plan = planner.plan(loop.ground_view.mapper.ground(), request.query)
+            answers.append((loop.t + config.plan_delay, Answer(request.number, tuple(plan.steps), plan.reason)))
+        while answers and answers[0][0] <= loop.t:
+            route.answer(answers.pop(0)[1])
+        loop.run(_PERIOD)
+    return route
 
 
 class StairsBench(Benchmark):

@@ -34,6 +34,7 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from planners.nodes.gait_planner import GaitPlannerNode
 from planners.nodes.motion_planner import MotionPlannerNode
+from planners.nodes.ground_planner import GroundPlannerNode
 from planners.nodes.terrain_mapper import TerrainMapperNode
 
 #: Class of each node by its default name
@@ -51,6 +52,7 @@ NODES: Mapping[str, type[Any]] = {
     "camera_node": CameraNode,
     "range_sensor_node": RangeSensorNode,
     "terrain_mapper": TerrainMapperNode,
+    "ground_planner": GroundPlannerNode,
     "vision_node": VisionNode,
 }
 

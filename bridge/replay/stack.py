@@ -73,7 +73,7 @@ class ReplayedStack:
             "hold_velocity": stack.hold_velocity,
             "stop": stack.stop,
             "walk_to": lambda *hold: stack.walk_to(Foothold(*hold)),
-            "take_steps": lambda steps: stack.take_steps([footstep_of(*values) for values in steps]),
+            "take_steps": lambda steps, after=None: stack.take_steps([footstep_of(*each) for each in steps], after),
         }
 
     def restore(self, start: ReplayStart) -> None:

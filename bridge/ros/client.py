@@ -237,6 +237,7 @@ def overview(client: Client) -> dict[str, str]:
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
         "real-time factor": f"{factor[-1]:.2f}" if factor else "unknown",
         "in command": commander[-1] if commander else "unknown",
+        **({"walk": client.limited} if client.limited else {}),
         **(start_lines(start[-1]) if start else {}),
         "next": next_step(status, start[-1] if start else None),
     }

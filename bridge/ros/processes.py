@@ -257,6 +257,7 @@ ACTIONS = ProcessSpec("bridge.nodes.action_server", ("action_server",), optional
 CAMERA = ProcessSpec("bridge.nodes.camera_node", ("camera_node",), optional=True)
 RANGES = ProcessSpec("bridge.nodes.range_sensor_node", ("range_sensor_node",), optional=True)
 TERRAIN = ProcessSpec("planners.nodes.terrain_mapper", ("terrain_mapper",), optional=True)
+GROUND = ProcessSpec("planners.nodes.ground_planner", ("ground_planner",), optional=True)
 
 REALTIME_NODES = ("robot_driver", "state_estimator", "balance_controller")
 #: Where permitted, the processes of the tick run before everything else and keep their memory
@@ -279,7 +280,7 @@ def process_specs(
 ) -> list[ProcessSpec]:
     """Processes of the graph, the plant's first; gait planner, controller and estimator in one, or all separate."""
     control = [CONTROL] if processes == "shared" else [GAIT, CONTROLLER, ESTIMATOR]
-    seeing = [*([CAMERA] if camera else []), *([RANGES, TERRAIN] if terrain_map else [])]
+    seeing = [*([CAMERA] if camera else []), *([RANGES, TERRAIN, GROUND] if terrain_map else [])]
     return [BRIDGE, *control, PLANNER, SUPERVISOR, *([ACTIONS] if actions else []), *seeing]
 
 

@@ -86,8 +86,8 @@ class GaitExecutor:
                     self._stack.stop()
                 case WalkTo(goal):
                     self._stack.walk_to(goal)
-                case TakeSteps(steps):
-                    self._stack.take_steps(steps)
+                case TakeSteps(steps, after):
+                    self._stack.take_steps(steps, after)
         except PoiseError as error:
             self._refusal = str(error)
             self._stack.stop()

@@ -52,6 +52,7 @@ GAIT_VELOCITY, GAIT_STOP = "gait/velocity_request", "gait/stop"
 COMMANDER, LOCKS = "commands/active", "locks"
 GAIT_PHASE = "gait/phase"
 GAIT_COMMAND, GAIT_STATE = "gait/command", "gait/state"  #: Between gait planner and controller of different processes
+GROUND_REQUEST, GROUND_PLAN = "gait/ground_request", "gait/ground_plan"  #: Of gait planner and ground planner
 GAIT_CAPTURE_MARGIN = "gait/capture_margin"
 FOOTSTEPS, FOOTSTEPS_TAKEN = "gait/footsteps", "gait/footsteps_taken"
 GOAL_POSE, FOOTSTEPS_COMMAND = "goal_pose", "gait/footsteps_command"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from msgspec import Struct, structs
 
@@ -12,7 +13,7 @@ from models.types import STILL, Velocity
 from planners.gait.config import GaitConfig, VelocityConfig
 from planners.gait.footsteps import LEFT, RIGHT, Foothold
 from planners.gait.pace import velocity_within
-from planners.gait.route import Footstep, Route, check_footsteps, plan_to_pose, route_of, route_over
+from planners.gait.route import Footstep, Route, check_footsteps, plan_to_pose, route_of, route_over, soles_after
 
 
 class VelocityCommand:
@@ -127,12 +128,25 @@ class Commands:
         return structs.replace(state, route=route_of(steps, goal), target=STILL, velocity=STILL)
 
     def take_steps(
-        self, state: CommandState, steps: Sequence[Footstep], soles: Sequence[Foothold], levels: Sequence[float]
+        self,
+        state: CommandState,
+        steps: Sequence[Footstep],
+        soles: Sequence[Foothold],
+        levels: Sequence[float],
+        stance: int,
+        kept: int = 0,
     ) -> CommandState:
-        """Begin listed footsteps from soles of these known ``levels`` [m]; see ``check_footsteps`` for refusals."""
-        check_footsteps(steps, soles, self._config)
-        stance = 1 - steps[0].foot
-        route = route_over(steps, soles, soles[stance].z - levels[stance], self._config)
+        """Begin listed footsteps from soles of these known ``levels`` [m], after the next ``kept`` ones of the route.
+
+        Heights count from the ``stance`` sole. See ``check_footsteps`` for refusals.
+        """
+        datum = soles[stance].z - levels[stance]
+        before = state.route.steps[:kept]
+        if before and steps and steps[0].foot == before[-1].foot:
+            raise CommandError("footsteps refused: they begin with the foot that steps just before")
+        check_footsteps(steps, soles_after(before, soles, datum), self._config)
+        raised = [replace(step, hold=structs.replace(step.hold, z=step.hold.z + datum)) for step in before]
+        route = route_over([*raised, *steps], soles, datum, self._config)
         return structs.replace(state, route=route, target=STILL, velocity=STILL)
 
     def advance(self, state: CommandState, stepping: bool, dt: float, longest: float = math.inf) -> CommandState:

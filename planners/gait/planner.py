@@ -26,7 +26,7 @@ from planners.gait.pace import longest_step, lost_share, pace_at, share_of, shar
 from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.regions import Region, region_limits
-from planners.gait.route import Footstep, Route
+from planners.gait.route import Footstep, Route, soles_after
 from planners.gait.scaling import load_gait_config
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
 from planners.gait.strength import torque_limits
@@ -154,12 +154,32 @@ class GaitPlanner:
             foot = 1 - self.stance
         self.state.command = self._commands.walk_to(self.state.command, goal, self.footholds, foot, current)
 
-    def take_steps(self, steps: Sequence[Footstep]) -> None:
-        """Take footsteps from standing, and stand there; ``CommandError`` while walking, else as their check."""
-        if self.walking:
-            raise CommandError("footsteps refused: they start from a standing robot, and it is walking; stop it")
-        command, soles = self.state.command, self.state.soles
-        self.state.command = self._commands.take_steps(command, steps, soles.holds, soles.levels)
+    def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
+        """Take footsteps, and stand there; ``UnreachableError`` as their check.
+
+        They begin from standing; with ``after`` they replace those of a route under way that follow the touchdown of
+        that number, counted as ``steps``. ``CommandError`` when the robot walks otherwise, or has gone on.
+        """
+        command, soles, holds = self.state.command, self.state.soles, self.footholds
+        if after is None:
+            if self.walking:
+                raise CommandError("footsteps refused: they start from a standing robot, and it is walking; stop it")
+            stance, kept = 1 - steps[0].foot if steps else self.stance, 0
+        else:
+            stance, kept = self.stance, after - self.steps
+            if not 1 <= kept <= command.route.left:
+                raise CommandError(
+                    f"footsteps refused: they begin after touchdown {after}, the route has touchdowns"
+                    f" {self.steps + 1} to {self.steps + command.route.left}"
+                )
+            if self.phase is GaitPhase.SINGLE:
+                holds = replaced(holds, 1 - stance, self.state.step.liftoff)
+        self.state.command = self._commands.take_steps(command, steps, holds, soles.levels, stance, kept)
+
+    def soles_after(self, count: int) -> Feet:
+        """Left and right sole after the next ``count`` footsteps of the route, with their heights in W."""
+        soles, stance = self.state.soles, self.stance
+        return soles_after(self.route.steps[:count], soles.holds, soles.holds[stance].z - soles.levels[stance])
 
     def step(
         self, state: RobotState, dt: float, rest: Rest | None = None, motion: Unboxed[BodyMotion] | None = None

@@ -15,6 +15,7 @@ from planners.gait.config import GaitConfig
 from planners.gait.footsteps import (
     LEFT,
     RIGHT,
+    Feet,
     Foothold,
     StepLimits,
     clamped,
@@ -304,6 +305,16 @@ class Route(Struct, frozen=True):
 def route_of(steps: Sequence[Footstep], goal: Foothold | None = None) -> Route:
     """A new route."""
     return Route(tuple(steps), goal, "" if steps else "done")
+
+
+def soles_after(steps: Sequence[Footstep], soles: Sequence[Foothold], datum: float) -> Feet:
+    """Left and right sole after steps of a route, whose known heights count from ``datum`` [m]."""
+    feet = list(soles)
+    for step in steps:
+        height = feet[1 - step.foot].z if step.tread is None else step.hold.z + datum
+        feet[step.foot] = structs.replace(step.hold, z=height)
+    left, right = feet
+    return left, right
 
 
 def route_over(steps: Sequence[Footstep], soles: Sequence[Foothold], datum: float, config: GaitConfig) -> Route:

@@ -22,6 +22,7 @@ from planners.gait.footsteps import Foothold
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep, plan_to_pose, soles_at, touchdown_times
 from planners.nodes.footstep_messages import footstep_message, goal_from_message, path_from_steps, steps_from_path
+from planners.nodes.ground_walk import GroundWalk
 
 
 class GaitStage(Protocol):
@@ -41,8 +42,8 @@ class GaitStage(Protocol):
     def walk_to(self, goal: Foothold) -> None:
         """Walk to a pose."""
 
-    def take_steps(self, steps: Sequence[Footstep]) -> None:
-        """Take footsteps."""
+    def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
+        """Take footsteps; see ``GaitPlanner.take_steps``."""
 
 
 class RouteTopics:
@@ -62,8 +63,10 @@ class RouteTopics:
         ready: Callable[[], str],
         soles: Callable[[], Sequence[Foothold]],
         now: Callable[[], int],
+        ground: GroundWalk,
     ) -> None:
         self._node, self._law, self._stack, self._command, self._ready = node, law, stack, command, ready
+        self._ground = ground
         self._soles, self._now = soles, now
         self._running = False
         self._words = node.announce(String, topics.GAIT_ROUTE, EVENT)
@@ -76,32 +79,34 @@ class RouteTopics:
     def publish_end(self) -> None:
         """Publish the end of a route; called after each tick."""
         route = self._law.route
-        if self._running and not route.left:
-            self._running = False
-            done = route.outcome == RouteState.DONE.value
-            self._publish(RouteStatus(RouteState.DONE) if done else RouteStatus(RouteState.ENDED, reason=route.outcome))
+        if self._running and not route.left and not self._ground.busy:
+            self._running, outcome = False, self._ground.outcome or route.outcome
+            done = outcome == RouteState.DONE.value
+            self._publish(RouteStatus(RouteState.DONE) if done else RouteStatus(RouteState.ENDED, reason=outcome))
 
     def _publish(self, status: RouteStatus) -> None:
         self._publish_status(status)
         self._words.publish(String(data=str(status)))
 
-    def _try(self, act: Callable[[Any], None], message: Any) -> None:
+    def _try(self, act: Callable[[Any], int], message: Any) -> None:
         try:
             if reason := self._ready():
                 raise CommandError(reason)
-            act(message)
+            count = act(message)
         except PoiseError as error:
             self._publish(RouteStatus(RouteState.REFUSED, reason=str(error)))
             raise
         self._command.supersede()
         self._running = True
-        self._publish(RouteStatus(RouteState.RUNNING, self._law.route.left))
+        self._publish(RouteStatus(RouteState.RUNNING, count))
 
-    def _go(self, message: Any) -> None:
-        self._stack.walk_to(goal_from_message("goal", message))
+    def _go(self, message: Any) -> int:
+        return self._ground.go(goal_from_message("goal", message))
 
-    def _take(self, message: Any) -> None:
+    def _take(self, message: Any) -> int:
         self._stack.take_steps(steps_from_path(message, self._law.footholds))
+        self._ground.cancel("")
+        return self._law.route.left
 
     def _on_plan(self, request: Any, response: Any) -> Any:
         """A plan, or an empty path: GetPlan has no field for a reason; diagnostics and log give it."""

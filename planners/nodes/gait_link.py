@@ -47,6 +47,7 @@ class TakeSteps(Struct, frozen=True, tag=True):
     """Take footsteps."""
 
     steps: tuple[Footstep, ...]
+    after: int | None = None  # see ``GaitPlanner.take_steps``
 
     def __post_init__(self) -> None:
         if any(step.foot not in (LEFT, RIGHT) for step in self.steps):
@@ -143,10 +144,10 @@ class RemoteGait:
         self._law.walk_to(goal)
         self._send(WalkTo(goal))
 
-    def take_steps(self, steps: Sequence[Footstep]) -> None:
+    def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
         """Take footsteps; see ``GaitPlanner.take_steps``."""
-        self._law.take_steps(steps)
-        self._send(TakeSteps(tuple(steps)))
+        self._law.take_steps(steps, after)
+        self._send(TakeSteps(tuple(steps), after))
 
     def _send(self, command: Stop | WalkTo | TakeSteps) -> None:
         """Send a command without the velocity in force, which would end a route."""

@@ -29,6 +29,7 @@ from planners.gait.state import GaitView, capture_margin, coming_steps
 from planners.nodes.footstep_messages import path_from_steps
 from planners.nodes.gait_commands import GaitStage, RouteTopics
 from planners.nodes.gait_link import RemoteGait, declare_gait
+from planners.nodes.ground_walk import GroundWalk
 
 TAKEN_MAX = 20  #: Length of ``gait/footsteps_taken``
 
@@ -51,6 +52,7 @@ class GaitTopics:
         self._taken = node.announce(Path, topics.FOOTSTEPS_TAKEN, EVENT)
         self._history: deque[Any] = deque(maxlen=TAKEN_MAX)
         self._log, self._limited, self._exceeded = node.get_logger(), "", list[str]()
+        self._blocked = ""
         law.exceeded(STILL)  # computes the limits now and not in a tick
         self.reset()
 
@@ -78,9 +80,16 @@ class GaitTopics:
             self._log.warning(f"velocity: {self._limited}")
         self._report()
 
+    def report_blocked(self, reason: str) -> None:
+        """Report why the robot stands in front of what it cannot step on; empty when it does not."""
+        self._blocked = f"stopped: {reason}" if reason else ""
+        if reason:
+            self._log.warning(self._blocked)
+        self._report()
+
     def _report(self) -> None:
         present, still = self._word != topics.GAIT_ABSENT, self._word in (topics.GAIT_SETTLED, topics.GAIT_ABSENT)
-        self._publish_status(GaitStatus(present, still, self._limited))
+        self._publish_status(GaitStatus(present, still, self._blocked or self._limited))
 
     def publish(self, stamp: int) -> None:
         """Publish what is due at a stamp [ns]."""
@@ -136,9 +145,11 @@ class GaitPlannerNode(PoiseNode):
         now = lambda: self._stamp  # noqa: E731
         self._mode = ""  # none was received
         self.listen(Twist, topics.GAIT_VELOCITY, self._on_velocity, COMMAND, while_active=True)
-        self.listen(Empty, topics.GAIT_STOP, lambda message: self._stack.stop(), EVENT)
+        self.listen(Empty, topics.GAIT_STOP, lambda message: self._stop("stopped"), EVENT)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
-        self._routes = RouteTopics(self, self._law, self._stack, self._command, self._not_walking, self._soles, now)
+        self._ground = GroundWalk(self, self._law, self._stack, self._gait.report_blocked)
+        law, stack, command = self._law, self._stack, self._command
+        self._routes = RouteTopics(self, law, stack, command, self._not_walking, self._soles, now, self._ground)
 
     @property
     def _walking(self) -> bool:
@@ -149,6 +160,11 @@ class GaitPlannerNode(PoiseNode):
         velocity = velocity_from_twist(message)
         self._gait.report_limit(velocity)
         self._command.repeat(velocity, self._stamp / NANOSECONDS)
+
+    def _stop(self, reason: str) -> None:
+        """Come to a standstill."""
+        self._ground.cancel(reason)
+        self._stack.stop()
 
     def _on_mode(self, message: Any) -> None:
         if self._walking and message.data != self._mode:
@@ -161,6 +177,7 @@ class GaitPlannerNode(PoiseNode):
         self._begun = False
         self._gait.report_limit(STILL)
         self._stack.hold_velocity(*STILL)
+        self._ground.cancel("mode walk was left")
         self._law.end_route("mode walk was left")
         self._routes.publish_end()
 
@@ -193,7 +210,7 @@ class GaitPlannerNode(PoiseNode):
         """No walk can begin; one under way comes to a standstill."""
         self._command.forget()
         self._stack.hold_velocity(*STILL)
-        self._stack.stop()
+        self._stop("the gait planner was deactivated")
         self._gait.publish_phase(topics.GAIT_ABSENT)
 
     def before_tick(self, t: float) -> None:
@@ -201,8 +218,8 @@ class GaitPlannerNode(PoiseNode):
         if not self._walking:
             return
         if self._command.lapsed(t):
-            self._stack.stop()
-        self._stack.hold_velocity(*self._command.velocity)
+            self._stop("the velocity was not repeated")
+        self._stack.hold_velocity(*self._ground.admit(self._command.velocity))
 
     def _on_report(self, stamp: int) -> None:
         """The controller in another process has reported its gait after a tick of a stamp [ns]."""
@@ -216,6 +233,7 @@ class GaitPlannerNode(PoiseNode):
             self._gait.reset()
             self._begun = True
         if self.active and self._begun and self._walking:
+            self._ground.update(stamp / NANOSECONDS)
             self._gait.publish(stamp)
             self._routes.publish_end()
 

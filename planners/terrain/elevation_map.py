@@ -1,5 +1,7 @@
 """A square grid of heights around the robot, with their variances, that point clouds are fused into."""
 
+from __future__ import annotations
+
 import math
 from typing import NamedTuple
 
@@ -9,6 +11,10 @@ from numpy.typing import NDArray
 from models.numerics.compiled import njit
 from models.types import Matrix, Vector
 from planners.terrain.config import TerrainMapConfig
+
+
+_NEIGHBOURS = 5  #: Known ones of 8 from which on a hole is closed
+_HOLE = 0.02  #: Difference of their heights up to which it is [m]
 
 
 class _Layers(NamedTuple):
@@ -35,6 +41,34 @@ class _Limits(NamedTuple):
     layer: float
     gate: float
     disagree: float
+
+
+class Heights(NamedTuple):
+    """A grid of heights of the ground in W."""
+
+    values: Matrix  #: (n, m) [m]; nan where unknown
+    corner: tuple[float, float]  #: x and y of the first cell's outer corner [m]
+    cell: float  #: Edge of a cell [m]
+
+    def at(self, points: Matrix) -> Vector:
+        """Heights at points x, y (n, 2) [m]: (n,) [m]."""
+        index = np.floor((points - self.corner) / self.cell).astype(np.int64)
+        inside = ((index >= 0) & (index < self.values.shape)).all(axis=1)
+        heights = np.full(len(points), np.nan)
+        heights[inside] = self.values[tuple(index[inside].T)]
+        return heights
+
+    def closed(self) -> Heights:
+        """With cells that no ray has met half-way between their neighbours, where most are known, and level."""
+        around = np.pad(self.values, 1, constant_values=np.nan)
+        n, m = self.values.shape
+        near = np.stack([around[i : i + n, j : j + m] for i in range(3) for j in range(3) if (i, j) != (1, 1)])
+        known = np.isfinite(near)
+        low, high = np.where(known, near, np.inf).min(axis=0), np.where(known, near, -np.inf).max(axis=0)
+        hole = np.isnan(self.values) & (known.sum(axis=0) >= _NEIGHBOURS) & (high - low <= _HOLE)
+        values = self.values.copy()
+        values[hole] = 0.5 * (low[hole] + high[hole])
+        return self._replace(values=values)
 
 
 class ElevationMap:
@@ -96,6 +130,11 @@ class ElevationMap:
         i, j = index[inside].T
         heights[inside] = np.where(self.known[i, j], self.height[i, j], np.nan)
         return heights
+
+    def heights(self, reference: float) -> Heights:
+        """What is known of the ground, ``reference`` [m] above the heights of the map."""
+        x, y = (self.origin * self.cell).tolist()
+        return Heights(np.where(self.known, self.height + reference, np.nan), (x, y), self.cell).closed()
 
     def move_to(self, x: float, y: float) -> None:
         """Centre the map on a point of W [m] up to a cell; what it leaves behind is forgotten."""

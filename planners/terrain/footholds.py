@@ -1,149 +1,358 @@
-"""Footsteps straight ahead on a measured elevation map, up to what cannot be stepped on."""
+"""Footsteps along a line on measured ground, up to what cannot be stepped on."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
 
-from models.errors import UnreachableError
-from models.heading import turned
-from models.types import Matrix
+from models.errors import PoiseError
+from models.numerics.compiled import njit
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import LEFT, Foothold, rotated, side_of
-from planners.gait.route import Footstep, check_footsteps, soles_at
+from planners.gait.footsteps import LEFT, RIGHT, Feet, Foothold, rotated, side_of
+from planners.gait.route import Footstep, check_footsteps
 from planners.gait.tread import Tread
-from planners.terrain.mapper import TerrainMapper
+from planners.terrain.elevation_map import Heights
 
-_GRID = 0.01  #: Between two places that are tried [m]
-_ASIDE = (0.0, 0.03, -0.03)  #: Outwards of the nominal width that are tried [m]
+_GRID = (0.01, 0.02)  #: Between two places that are tried, along and across the line [m]
+_ASIDE = 0.30  #: To either side of the line they reach [m]
 _BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
 _FLAT = 0.012  #: Largest deviation of that ground from its plane [m]
-_LEVEL = 0.03  #: Difference of height up to which both feet are on one level [m]
+_LEVEL = 0.03  #: Difference of height up to which two places are on one level, and of way up to which feet are together [m]
 _ROOMS = (0.0, 0.02, 0.04)  #: Ways by which a sole may move ahead and back on its ground that are tried [m]
 _COMFORT = 0.02  #: Such a way from which on an edge does not matter [m]
-_EDGE_WEIGHT = 4.0  #: Of the lack of it, against the distance from the wished place [-]
-_FARTHER = 0.3  #: How much farther than wished a step may be [m]
-_PROGRESS = 0.5  #: Share of a wished step ahead that is worth a step [-]
+_INSIDE = 0.01  #: A step is planned so far inside the reach [m]
+_STANCE = 0.08  #: Difference from the nominal stance in which a plan may end [m]
+_DEPTH = 40  #: Footsteps of a plan at most
+_WIDTH = 80  #: Beginnings of plans that are kept after each step
+_KEY = (0.04, 0.06)  #: Of beginnings whose feet are this near to each other along and across, the best is kept [m]
+_STRAY = 6  #: Cells off a level from which on it is none
+_AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason why it cannot go on [m]
+
+
+class Costs(NamedTuple):
+    """Costs of a plan; each step costs 1."""
+
+    left: float = 6.0  #: Of every stride of the distance that is left at its end
+    long: float = 30.0  #: Of the square of what a step is longer than the stride, or its swing than two [1/m^2]
+    edge: float = 0.3  #: Of a sole beside an edge
+    line: float = 100.0  #: Of the square of a sole's distance from its nominal place beside the line [1/m^2]
+    width: float = 100.0  #: Of the square of the difference from the nominal width between the feet [1/m^2]
+
+
+class GroundQuery(Struct, frozen=True):
+    """A way to plan: along a line, from where the feet will be."""
+
+    line: Foothold  #: Pose on the line, heading along it
+    distance: float  #: Of the end of the way from there [m]
+    feet: Feet  #: Left and right sole at the start
+    foot: int | None = None  #: That steps first; None for either
 
 
 class GroundPlan(NamedTuple):
-    """Footsteps, and why they end before the wished distance; empty when they do not."""
+    """Footsteps, and why they end before the end of the way; empty when they do not."""
 
     steps: list[Footstep]
     reason: str
 
 
-class GroundPlanner:
-    """Plans footsteps on the ground as a ``mapper`` knows it now; where it knows nothing, the feet will feel it."""
+class _Survey(NamedTuple):
+    """Ground under a sole at each place of a lattice (n, m)."""
 
-    def __init__(self, mapper: TerrainMapper, config: GaitConfig) -> None:
-        self._map, self._reference, self._config = mapper.map, mapper.reference, config
-        x_min, x_max, y_min, y_max = mapper.robot.feet[LEFT].rectangle
-        across = np.arange(y_min - _BESIDE, y_max + _BESIDE + 1e-6, self._map.cell)
+    fits: NDArray[np.int8]  #: 1: it lies on a plane; 0: it does not; -1: some of the ground is not known
+    height: Matrix  #: Of that plane in the middle [m]
+    along: Matrix  #: Its slope along the line [-]
+    across: Matrix  #: and across [-]
+    low: Matrix  #: Lowest and
+    high: Matrix  #: highest of what is known [m]
+    room: Matrix  #: See ``_ROOMS`` [m]
+
+
+class _Limits(NamedTuple):
+    """Bounds of a step for compiled code [m]."""
+
+    forward: float
+    narrow: float
+    wide: float
+    rise: float
+    body: float  #: Of the body along the line
+    sway: float  #: and across
+    width: float
+    stride: float
+    level: float
+    comfort: float
+
+
+class _Begun(NamedTuple):
+    """Beginnings of plans, of k each; ``at`` are places along and across the line and heights of both feet."""
+
+    at: NDArray[np.float64]  #: (k, 2, 3) [m]
+    foot: NDArray[np.int64]  #: That steps next (k,)
+    seen: NDArray[np.bool_]  #: Whether a sole is on known ground, so that none is felt any more (k,)
+    cost: Vector  #: (k,)
+
+
+class GroundPlanner:
+    """Plans footsteps on the ground as it is known; where nothing is known beside the feet, they will feel it.
+
+    A beam search: from ``_WIDTH`` beginnings at most, each next step to every place of a lattice along the line where a
+    sole lies on a plane and in reach. On one level the feet go ahead in turn; before and after a step to another level,
+    and at the end, they are side by side.
+    """
+
+    def __init__(self, robot: RobotModel, config: GaitConfig, stride: float = 0.25, costs: Costs | None = None) -> None:
+        self._config, self._costs = config, costs or Costs()
+        x_min, x_max, y_min, y_max = robot.feet[LEFT].rectangle
+        across = np.arange(y_min - _BESIDE, y_max + _BESIDE + 1e-6, 0.02)
         self._fits: list[tuple[Matrix, Matrix]] = []  # points of the sole and its room, and the inverse of their plane
         for room in _ROOMS:
             more = config.swing.edge + room
-            along = np.arange(x_min - more, x_max + more + 1e-6, self._map.cell)
+            along = np.arange(x_min - more, x_max + more + 1e-6, 0.02)
             points = np.array([(x, y) for x in along for y in across])
             self._fits.append((points, np.linalg.pinv(np.column_stack([points, np.ones(len(points))]))))
-
-    def plan_ahead(self, start: Foothold, distance: float, stride: float = 0.25) -> GroundPlan:
-        """Footsteps of a robot that stands at ``start``, a pose between its soles, for a ``distance`` ahead of it [m].
-
-        On one level the feet go ahead in turn, by at most ``stride`` [m]; before and after a step to another level, and
-        at the end, they come side by side.
-        """
-        begin = soles_at(start, self._config.reach.width)
-        feet, foot, reason = list(begin), LEFT, ""
-        steps: list[Footstep] = []
-        while len(steps) < self._config.route.steps_max:
-            stance, step, seen = feet[1 - foot], None, any(step.tread is not None for step in steps)
-            left = distance - start.relative(stance.x, stance.y)[0]
-            apart = abs(stance.z - feet[foot].z) > _LEVEL
-            if not (apart or reason) and left > _GRID:
-                wish = min(stride, left)
-                most = min(wish + _FARTHER, self._config.reach.forward)
-                step = self._best(feet, foot, wish, _PROGRESS * wish, most, seen=seen)
-                reason = "" if step else self._obstacle(stance)
-            together = not apart and abs(stance.relative(feet[foot].x, feet[foot].y)[0]) <= _LEVEL
-            if step is None and together:
-                break
-            if step is None or not (together or abs(step.hold.z - stance.z) <= _LEVEL):  # beside the other foot
-                step = self._best(feet, foot, 0.0, -_LEVEL, _LEVEL, seen=seen, beside=True)
-            if step is None:
-                break
-            steps.append(step)
-            feet[foot], foot = step.hold, 1 - foot
-        while steps and abs(feet[0].z - feet[1].z) > _LEVEL:  # it stands on one level
-            last = steps.pop().foot
-            feet[last] = next((step.hold for step in reversed(steps) if step.foot == last), begin[last])
-        return GroundPlan(steps, reason)
-
-    def _best(
-        self,
-        feet: Sequence[Foothold],
-        foot: int,
-        wish: float,
-        least: float,
-        most: float,
-        *,
-        seen: bool,
-        beside: bool = False,
-    ) -> Footstep | None:
-        """The step nearest to ``wish`` ahead of the stance foot that has room; ``beside`` it: on its level.
-
-        Near the feet, where no ground has been ``seen`` yet, a step is felt.
-        """
-        stance, side, width = feet[1 - foot], side_of(foot), self._config.reach.width
-        felt = Foothold(*stance.moved(wish, side * width), stance.yaw, stance.z)
-        above = (
-            np.zeros(1)
-            if seen
-            else self._reference + self._map.at(turned(self._fits[-1][0], felt.yaw) + felt.pose[:2]) - stance.z
+        reach, limits, period = config.reach, config.velocity, config.period
+        self._limits = _Limits(
+            reach.forward - _INSIDE,
+            reach.width_min + _INSIDE,
+            reach.width_max - _INSIDE,
+            reach.rise,
+            limits.forward * period - _INSIDE,
+            limits.lateral * period - _INSIDE,
+            reach.width,
+            stride,
+            _LEVEL,
+            _COMFORT,
         )
-        if np.isnan(above).any() and not (np.abs(above) > _LEVEL).any():  # what is known there is level with the stance
-            return Footstep(foot, felt)
-        best, cost = None, np.inf
-        for ahead in np.arange(least, most, _GRID).tolist():
-            for aside in _ASIDE:
-                step, room = self._lie(foot, Foothold(*stance.moved(ahead, side * (width + aside)), stance.yaw))
-                if step is None or (beside and abs(step.hold.z - stance.z) > _LEVEL):
-                    continue
-                value = (ahead - wish) ** 2 + aside**2 + _EDGE_WEIGHT * max(_COMFORT - room, 0.0) ** 2
-                if value >= cost:
-                    continue
-                try:
-                    check_footsteps([step], feet, self._config)
-                except UnreachableError:
-                    continue
-                best, cost = step, value
-        return best
 
-    def _lie(self, foot: int, place: Foothold) -> tuple[Footstep | None, float]:
-        """Step onto the ground at a place, and the room ahead and back [m]; None where no sole lies."""
-        found, room = None, 0.0
-        for way, (points, inverse) in zip(_ROOMS, self._fits, strict=True):
-            heights = self._map.at(turned(points, place.yaw) + place.pose[:2])
-            along, across, middle = inverse @ heights
-            if not np.abs(points @ (along, across) + middle - heights).max() <= _FLAT:
+    def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
+        """Footsteps from the feet of a query to the end of its way, or as near to it as they get."""
+        line, first = query.line, [query.line.relative(sole.x, sole.y) for sole in query.feet]
+        begin = min(place[0] for place in first)
+        count = max(math.ceil((query.distance - begin) / _GRID[0]), 0) + 1
+        felt = max(place[0] for place in first) + self._limits.stride
+        ways = query.distance - _GRID[0] * np.arange(count - 1, -1, -1.0)
+        half = round(_ASIDE / _GRID[1])
+        sides = _GRID[1] * np.arange(-half, half + 1.0)
+        survey = self._survey(ground, line, ways, sides)
+        starts = (LEFT, RIGHT) if query.foot is None else (query.foot,)
+        at = np.array([[(*place, sole.z) for place, sole in zip(first, query.feet, strict=True)]] * len(starts))
+        known = [bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in query.feet]))).any())] * len(starts)
+        begun = _Begun(at, np.array(starts), np.array(known), np.zeros(len(starts)))
+        history: list[tuple[NDArray[np.int64], NDArray[np.int64], _Begun]] = []  # parents, places, beginnings
+        best, end = math.inf, (-1, 0)
+        for depth in range(_DEPTH + 1):
+            costs = self._end_costs(begun, query.distance)
+            if len(costs) and costs.min() < best:
+                best, end = float(costs.min()), (depth, int(costs.argmin()))
+            if depth == _DEPTH or not len(begun.cost):
                 break
-            slope = rotated(place.yaw, float(along), float(across))
-            hold = Foothold(place.x, place.y, place.yaw, self._reference + float(middle))
-            found, room = Footstep(foot, hold, Tread(slope, (way, way, _BESIDE, _BESIDE))), way
-        return found, room
+            parents, places, begun = self._next(begun, ways, sides, survey, felt)
+            history.append((parents, places, begun))
+        steps: list[Footstep] = []
+        depth, i = end
+        for parents, places, after in reversed(history[: max(depth, 0)]):
+            steps.append(self._footstep(line, ways, sides, survey, places[i], after, i))
+            i = int(parents[i])
+        steps.reverse()
+        steps = self._checked(steps, query.feet)
+        feet = list(query.feet)
+        for step in steps:
+            feet[step.foot] = step.hold
+        leading = max(feet, key=lambda sole: line.relative(sole.x, sole.y)[0])
+        arrived = query.distance - line.relative(leading.x, leading.y)[0] <= _LEVEL
+        return GroundPlan(steps, "" if arrived else self._obstacle(ground, leading, line.yaw))
 
-    def _obstacle(self, stance: Foothold) -> str:
+    def level(self, ground: Heights, query: GroundQuery) -> bool:
+        """Whether the ground along the way is known, and level to where the feet walk, so that no plan is needed."""
+        half = 0.5 * self._limits.width + self._fits[0][0][:, 1].max()
+        start = min(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
+        ways = np.arange(start, query.distance + self._fits[0][0][:, 0].max(), ground.cell)
+        sides = np.arange(-half, half + 1e-6, ground.cell)
+        heights = ground.at(np.array([query.line.moved(way, side) for way in ways.tolist() for side in sides.tolist()]))
+        off = np.abs(heights - np.mean([sole.z for sole in query.feet]))
+        return int((off > _LEVEL).sum()) < _STRAY
+
+    def _survey(self, ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> _Survey:
+        shape = len(ways), len(sides)
+        wanted, room, found = np.ones(shape, dtype=np.bool_), np.zeros(shape), None
+        for way, (points, inverse) in zip(_ROOMS, self._fits, strict=True):
+            fits, planes, bounds = _fit_planes(
+                ground.values, ground.corner, ground.cell, line.pose, ways, sides, points, inverse, wanted, _FLAT
+            )
+            if found is None:
+                found = fits, planes, bounds
+            wanted = fits == 1
+            room[wanted] = way
+        assert found is not None
+        fits, planes, bounds = found
+        return _Survey(fits, planes[..., 2], planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room)
+
+    def _end_costs(self, begun: _Begun, distance: float) -> Vector:
+        """Costs of plans that end here; infinite where the feet are not side by side."""
+        apart = begun.at[:, LEFT] - begun.at[:, RIGHT]  # (k, 3)
+        off = np.hypot(apart[:, 0], apart[:, 1] - self._limits.width)
+        stands = (np.abs(apart[:, 0]) <= _LEVEL + 1e-9) & (np.abs(apart[:, 2]) <= _LEVEL) & (off <= _STANCE)
+        left = np.maximum(distance - begun.at[:, :, 0].mean(axis=1), 0.0)
+        costs: Vector = np.where(stands, begun.cost + self._costs.left * left / self._limits.stride, np.inf)
+        return costs
+
+    def _next(
+        self, begun: _Begun, ways: Vector, sides: Vector, survey: _Survey, felt: float
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], _Begun]:
+        """Beginnings that are one step longer: their parents (k,), the places of that step (k,), and themselves."""
+        costs, places = _expand(begun, ways, sides, survey, felt, self._limits, self._costs)  # (k, n)
+        parents, along = np.nonzero(np.isfinite(costs))
+        cost, place = costs[parents, along], places[parents, along]
+        foot = begun.foot[parents]
+        at = begun.at[parents].copy()
+        rows, (i, j) = np.arange(len(parents)), np.divmod(place, len(sides))
+        fits = survey.fits[i, j] == 1
+        height = np.where(fits, survey.height[i, j], at[rows, 1 - foot, 2])
+        at[rows, foot] = np.stack([ways[i], sides[j], height], axis=1)
+        value = cost - self._costs.left * at[:, :, 0].mean(axis=1) / self._limits.stride
+        keys = np.column_stack([foot, np.round(at[:, :, 0] / _KEY[0]), np.round(at[:, :, 1] / _KEY[1])])
+        order = np.argsort(value, kind="stable")
+        _, unique = np.unique(keys[order], axis=0, return_index=True)
+        kept = order[np.sort(unique)[:_WIDTH]]
+        seen = begun.seen[parents] | fits
+        return parents[kept], place[kept], _Begun(at[kept], 1 - foot[kept], seen[kept], cost[kept])
+
+    def _footstep(
+        self, line: Foothold, ways: Vector, sides: Vector, survey: _Survey, place: int, after: _Begun, i: int
+    ) -> Footstep:
+        """The step to a place that led to a beginning."""
+        foot = int(1 - after.foot[i])
+        row, column = divmod(int(place), len(sides))
+        x, y = line.moved(float(ways[row]), float(sides[column]))
+        hold = Foothold(x, y, line.yaw, float(after.at[i, foot, 2]))
+        if survey.fits[row, column] != 1:
+            return Footstep(foot, hold)
+        way = float(survey.room[row, column])
+        slope = rotated(line.yaw, float(survey.along[row, column]), float(survey.across[row, column]))
+        return Footstep(foot, hold, Tread(slope, (way, way, _BESIDE, _BESIDE)))
+
+    def _checked(self, steps: list[Footstep], feet: Sequence[Foothold]) -> list[Footstep]:
+        """The steps, or none where the gait would refuse them: feet that are turned from the line, too steep ground."""
+        try:
+            if steps:
+                check_footsteps(steps, feet, self._config)
+        except PoiseError:
+            return []
+        return steps
+
+    def _obstacle(self, ground: Heights, stance: Foothold, yaw: float) -> str:
         """Why no foot can be put down ahead of a stance foot."""
-        reach = self._config.reach
-        places = np.array([stance.moved(ahead, 0.0) for ahead in np.arange(0.1, reach.forward, 0.02).tolist()])
-        rises = self._reference + self._map.at(places) - stance.z
+        reach, pose = self._config.reach, Foothold(stance.x, stance.y, yaw)
+        places = np.array([pose.moved(ahead, 0.0) for ahead in np.arange(_AHEAD_MIN, reach.forward, 0.02).tolist()])
+        rises = ground.at(places) - stance.z
         beyond = rises[np.abs(rises) > reach.rise]
         if len(beyond):
-            rise = float(beyond[np.argmin(np.abs(beyond))])
+            rise = float(np.median(beyond))
             way = "higher" if rise > 0.0 else "lower"
             return f"the ground ahead is {abs(rise):.2f} m {way}, at most {reach.rise:.2f} m"
         if np.isnan(rises).any():
             return "the ground ahead is not known"
         return f"no room for a sole up to {reach.forward:.2f} m ahead"
+
+
+@njit(cache=True)
+def _fit_planes(
+    heights: Matrix,
+    corner: tuple[float, float],
+    cell: float,
+    pose: tuple[float, float, float],
+    ways: Vector,
+    sides: Vector,
+    points: Matrix,
+    inverse: Matrix,
+    wanted: NDArray[np.bool_],
+    flat: float,
+) -> tuple[NDArray[np.int8], Matrix, Matrix]:
+    """Planes through the ground at points (k, 2) around each wanted place; see ``_Survey``."""
+    shape = len(ways), len(sides)
+    fits, planes, bounds = np.zeros(shape, np.int8), np.zeros((*shape, 3)), np.empty((*shape, 2))
+    c, s, found = math.cos(pose[2]), math.sin(pose[2]), np.empty(len(points))
+    for i in range(shape[0]):
+        for j in range(shape[1]):
+            if not wanted[i, j]:
+                continue
+            known, low, high = True, np.inf, -np.inf
+            for k in range(len(points)):
+                along, across = ways[i] + points[k, 0], sides[j] + points[k, 1]
+                x = int(math.floor((pose[0] + c * along - s * across - corner[0]) / cell))
+                y = int(math.floor((pose[1] + s * along + c * across - corner[1]) / cell))
+                inside = 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]
+                found[k] = heights[x, y] if inside else np.nan
+                if math.isnan(found[k]):
+                    known = False
+                else:
+                    low, high = min(low, found[k]), max(high, found[k])
+            bounds[i, j, 0], bounds[i, j, 1] = low, high
+            if not known:
+                fits[i, j] = -1
+                continue
+            for axis in range(3):
+                total = 0.0
+                for k in range(len(points)):
+                    total += inverse[axis, k] * found[k]
+                planes[i, j, axis] = total
+            worst = 0.0
+            for k in range(len(points)):
+                on = planes[i, j, 0] * points[k, 0] + planes[i, j, 1] * points[k, 1] + planes[i, j, 2]
+                worst = max(worst, abs(found[k] - on))
+            if worst <= flat:
+                fits[i, j] = 1
+    return fits, planes, bounds
+
+
+@njit(cache=True)
+def _expand(
+    begun: _Begun, ways: Vector, sides: Vector, survey: _Survey, felt: float, limits: _Limits, costs: Costs
+) -> tuple[Matrix, NDArray[np.int64]]:
+    """Cost of each beginning (k) with a next step to each way (n), across from it at the best place; and that place.
+
+    A step is felt up to the way ``felt`` [m].
+    """
+    shape = len(begun.cost), len(ways)
+    best, places = np.full(shape, np.inf), np.zeros(shape, np.int64)
+    for n in range(shape[0]):
+        foot = begun.foot[n]
+        stance, before, side = begun.at[n, 1 - foot], begun.at[n, foot], 1.0 if foot == LEFT else -1.0
+        together = abs(stance[0] - before[0]) <= limits.level + 1e-9
+        apart = abs(stance[2] - before[2]) > limits.level
+        for i in range(shape[1]):
+            ahead, swing = ways[i] - stance[0], ways[i] - before[0]
+            beside = abs(ahead) <= limits.level + 1e-9
+            if ahead < -limits.level - 1e-9 or ahead > limits.forward or swing > 2.0 * limits.body:
+                continue
+            if apart and not beside:
+                continue
+            for j in range(len(sides)):
+                out = side * (sides[j] - stance[1])
+                if out < limits.narrow or out > limits.wide or abs(sides[j] - before[1]) > 2.0 * limits.sway:
+                    continue
+                room = limits.comfort
+                if survey.fits[i, j] == 1:
+                    rise, room = survey.height[i, j] - stance[2], survey.room[i, j]
+                elif survey.fits[i, j] < 0 and ways[i] <= felt + 1e-9 and not begun.seen[n]:  # level as far as known
+                    if survey.low[i, j] < stance[2] - limits.level or survey.high[i, j] > stance[2] + limits.level:
+                        continue
+                    rise = 0.0
+                else:
+                    continue
+                if abs(rise) > limits.rise or (abs(rise) > limits.level and (apart or not together)):
+                    continue
+                longer, farther = max(ahead - limits.stride, 0.0), max(swing - 2.0 * limits.stride, 0.0)
+                off, wider = sides[j] - 0.5 * side * limits.width, out - limits.width
+                value = begun.cost[n] + 1.0 + costs.long * (longer * longer + farther * farther)
+                value += costs.edge * max(limits.comfort - room, 0.0) / limits.comfort
+                value += costs.line * off * off + costs.width * wider * wider
+                if value < best[n, i]:
+                    best[n, i], places[n, i] = value, i * len(sides) + j
+    return best, places

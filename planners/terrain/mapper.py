@@ -12,7 +12,7 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.terrain.body_filter import BodyFilter
 from planners.terrain.config import TerrainMapConfig
-from planners.terrain.elevation_map import ElevationMap
+from planners.terrain.elevation_map import ElevationMap, Heights
 from planners.terrain.patches import Patch, find_patches
 
 
@@ -113,6 +113,10 @@ class TerrainMapper:
         deviations = np.maximum(deviations, 0.1 * fusion.floor)  # a level ray has no error of its height
         common = np.hypot(fusion.attitude * np.hypot(rays[:, 0], rays[:, 1]), sensor.scale * rays[:, 2])
         return self.map.fuse(cloud.t, points, deviations, common, eye)
+
+    def ground(self) -> Heights:
+        """What is known of the ground, in W."""
+        return self.map.heights(self.reference)
 
     def patches(self) -> list[Patch]:
         """Planar patches, heights above the stance sole, inset by half the width of a sole."""

@@ -11,7 +11,7 @@ from models.robot_model import RobotModel
 from planners.gait.footsteps import Foothold
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.scaling import load_gait_config
-from planners.terrain.footholds import GroundPlan, GroundPlanner
+from planners.terrain.footholds import GroundPlan, GroundPlanner, GroundQuery
 from planners.terrain.mapper import TerrainMapper
 
 G1 = RobotModel.load("g1")
@@ -37,7 +37,8 @@ def plan_on(
     grid.height[:] = heights + noise * np.random.default_rng(2).standard_normal(heights.shape)
     grid.variance[:] = np.where(np.isnan(heights), np.inf, 4e-6)
     mapper.reference = 0.0
-    return GroundPlanner(mapper, GAIT).plan_ahead(START, distance)
+    query = GroundQuery(START, distance, soles_at(START, GAIT.reach.width))
+    return GroundPlanner(G1, GAIT).plan(mapper.ground(), query)
 
 
 def level(hold: Foothold) -> float:

@@ -1,0 +1,93 @@
+"""Node ``ground_planner``: requests and the map of the ground in; footsteps on it out."""
+
+import time
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import UInt8MultiArray
+
+from models.errors import MessageError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.grid_map import grid_map_type, layer_of
+from models.nodes.messages import stamp_ns, to_seconds
+from models.nodes.parameters import declare
+from models.nodes.qos import EVENT, SENSOR
+from models.nodes.spin import program
+from planners.gait.scaling import load_gait_config
+from planners.nodes.gait_link import decode, encode
+from planners.terrain.elevation_map import Heights
+from planners.terrain.footholds import GroundPlanner
+from planners.terrain.ground_route import Answer, Request
+
+
+def ground_from_message(message: Any) -> Heights:
+    """Heights of the ground in ``odom`` of a grid_map_msgs/GridMap; ``MessageError`` for one without elevation."""
+    values, cell, centre = layer_of(message, "elevation"), float(message.info.resolution), message.info.pose.position
+    if not cell > 0.0:
+        raise MessageError(f"info.resolution is {cell}")
+    x, y = (middle - 0.5 * count * cell for middle, count in zip((centre.x, centre.y), values.shape, strict=True))
+    return Heights(values, (x, y), cell).closed()
+
+
+class GroundPlannerNode(PoiseNode):
+    """Answers each request with footsteps on the newest map; in a process of its own, since a plan takes a while."""
+
+    AUTOSTART = True
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("ground_planner", **kwargs)
+        text = "Age of the newest map, when a plan is requested, from which on there is none [s]"
+        self._age_max = declare(self, "map_age_max", 1.0, text, low=0.05, high=60.0)
+
+    def configure(self) -> None:
+        self._law = GroundPlanner(self.model, load_gait_config(self.model))
+        self._missing = ""
+        self._answers = self.announce(UInt8MultiArray, topics.GROUND_PLAN, EVENT)
+        self.listen(UInt8MultiArray, topics.GROUND_REQUEST, self._on_request, EVENT, while_active=True)
+        try:
+            self._kind = grid_map_type()
+            self.listen(self._kind, topics.TERRAIN_MAP, self._on_map, SENSOR, raw=True)
+        except MessageError as error:
+            self._missing = str(error)
+
+    def activate(self) -> None:
+        self._map: bytes | None = None
+        self._plans, self._took = 0, 0.0
+
+    def _on_map(self, data: bytes) -> None:
+        self._map = data
+
+    def _on_request(self, message: Any) -> None:
+        request = decode(Request, message)
+        begin = time.monotonic()
+        ground = self._ground(request.stamp)
+        if ground is None:
+            answer = Answer(request.number, reason="no map of the ground", blind=True)
+        else:
+            steps, reason = ([], "") if request.watch else self._law.plan(ground, request.query)
+            answer = Answer(request.number, tuple(steps), reason, self._law.level(ground, request.query))
+        self._plans, self._took = self._plans + 1, time.monotonic() - begin
+        self._answers.publish(encode(answer))
+
+    def _ground(self, stamp: float) -> Heights | None:
+        """The newest map; None when it is older than ``map_age_max`` at a stamp [s]."""
+        if self._map is None:
+            return None
+        message = deserialize_message(self._map, self._kind)
+        age = stamp - to_seconds(stamp_ns(message.header.stamp))
+        return ground_from_message(message) if age <= self._age_max else None
+
+    def before_diagnostics(self) -> None:
+        if not self.active:
+            return
+        self.message = self._missing or ("planning" if self._plans else "no request yet")
+        self.values |= {"plans": str(self._plans), "newest plan took [ms]": f"{1e3 * self._took:.1f}"}
+
+
+main = program(GroundPlannerNode)
+
+
+if __name__ == "__main__":
+    main()

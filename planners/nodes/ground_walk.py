@@ -1,0 +1,196 @@
+"""Walks of the gait planner on the map of the ground: where it is not level ahead, planned footsteps take over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from enum import Enum, auto
+from typing import TYPE_CHECKING, Any
+
+from std_msgs.msg import UInt8MultiArray
+
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.qos import EVENT
+from models.types import STILL, Velocity
+from planners.gait.footsteps import Foothold, middle, wrap
+from planners.gait.planner import GaitPlanner
+from planners.gait.route import plan_to_pose
+from planners.nodes.gait_link import decode, encode
+from planners.terrain.footholds import GroundQuery
+from planners.terrain.ground_route import Answer, GroundRoute, Request
+
+if TYPE_CHECKING:
+    from planners.nodes.gait_commands import GaitStage
+
+_AHEAD = 0.6  #: How far ahead of the feet the ground is watched at least [m]
+_TIME = 1.0  #: And how far in time, at the commanded velocity [s]
+_PATIENCE = 1.0  #: Longest wait for the answer whether the ground is level; then the robot walks blind [s]
+_TURNED = 0.1  #: Heading from the line of a plan that the robot turns by first [rad]
+_FACING = 0.05  #: Heading from that of the goal that it turns by at the end [rad]
+_SLOW = 0.02  #: Forward velocity up to which nothing is watched [m/s]
+_ENDLESS = 20.0  #: Length of the line of a velocity [m]
+
+
+class _Stage(Enum):
+    IDLE = auto()  # nothing to watch, or no ground planner is there
+    ASKED = auto()  # for the ground on the way to a goal
+    BLIND = auto()  # the gait walks by itself; the ground ahead is watched
+    STOP = auto()  # it is to stand, in front of ground that is not level
+    ROUTE = auto()  # it takes planned footsteps
+    LAST = auto()  # it turns to the goal
+    BLOCKED = auto()  # it stands in front of what it cannot step on, until the velocity changes
+
+
+class GroundWalk:
+    """Watches the ground ahead of a goal or a forward velocity, and walks on plans where it is not level.
+
+    Without a ground planner, or a map, the gait walks as if this were not there. Else the ground planner is asked at
+    every touchdown whether the next ``_AHEAD`` are level. Where they are not, the robot stops, turns to the goal, and
+    follows ``GroundRoute``. ``report`` gets the reason for which it stands and cannot go on, empty afterwards.
+
+    Attributes:
+        outcome: Of the last goal: ``done``, or why it was not reached; empty where the gait's own route says so.
+    """
+
+    def __init__(self, node: PoiseNode, law: GaitPlanner, stack: GaitStage, report: Callable[[str], None]) -> None:
+        self._law, self._stack, self._report = law, stack, report
+        self._route = GroundRoute(law, stack)
+        self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
+        node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
+        self._number = 0  # of the last watch
+        self._stage, self.outcome = _Stage.IDLE, ""
+        self._goal: Foothold | None = None
+        self._velocity = STILL
+        self._t = self._asked = 0.0
+        self._steps = -1  # touchdowns at the last watch
+
+    @property
+    def busy(self) -> bool:
+        """Whether a goal is on its way beside the gait's own route."""
+        return self._goal is not None and self._stage not in (_Stage.IDLE, _Stage.BLOCKED)
+
+    def go(self, goal: Foothold) -> int:
+        """Walk to a goal; returns the number of footsteps on level ground. Errors as ``plan_to_pose``."""
+        count = len(plan_to_pose(goal, self._law.footholds, self._law.config))
+        self.cancel("")
+        if not self._requests.get_subscription_count() or not count:
+            self._stack.walk_to(goal)
+            return self._law.route.left
+        self._goal = goal
+        self._watch(_Stage.ASKED)
+        return count
+
+    def cancel(self, reason: str) -> None:
+        """Another command, or none, from now on; footsteps under way are not affected."""
+        if self._stage is _Stage.BLOCKED:
+            self._report("")
+        self._route.end(reason)
+        self._stage, self._goal, self.outcome, self._velocity = _Stage.IDLE, None, reason, STILL
+
+    def admit(self, velocity: Velocity) -> Velocity:
+        """The part of a commanded velocity that the gait may walk at: none where plans take over."""
+        if velocity != STILL and self._goal is not None:
+            self.cancel("a velocity was commanded")
+        if self._goal is not None or velocity == self._velocity:
+            return STILL if self._stage in (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED) else velocity
+        if self._stage in (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED):
+            if velocity[0] > _SLOW and self._stage is not _Stage.BLOCKED:
+                self._velocity = velocity
+                return STILL
+            self._stack.stop()
+        self.cancel("")
+        self._velocity, self._steps = velocity, -1
+        if velocity[0] > _SLOW:
+            self._stage = _Stage.BLIND
+        return velocity
+
+    def update(self, t: float) -> None:
+        """After a tick of a stamp [s]."""
+        self._t, law = t, self._law
+        match self._stage:
+            case _Stage.ASKED:
+                if t - self._asked > _PATIENCE and self._goal is not None:
+                    self._walk_blind(self._goal)
+            case _Stage.BLIND:
+                if self._goal is not None and not law.route.left:
+                    self._finish(law.route.outcome)
+                elif law.steps != self._steps and self._requests.get_subscription_count():
+                    self._watch(_Stage.BLIND)
+            case _Stage.STOP:
+                if law.settled:
+                    self._begin()
+            case _Stage.ROUTE:
+                self._follow(t)
+            case _Stage.LAST:
+                if not law.route.left:
+                    self._finish(law.route.outcome)
+
+    def _watch(self, stage: _Stage) -> None:
+        """Ask whether the ground ahead is level."""
+        self._stage, self._steps, self._asked = stage, self._law.steps, self._t
+        feet, here = self._law.footholds, middle(self._law.footholds)
+        far, bearing = _AHEAD + _TIME * self._velocity[0], here.yaw
+        if self._goal is not None:
+            way = math.hypot(self._goal.x - here.x, self._goal.y - here.y)
+            bearing = math.atan2(self._goal.y - here.y, self._goal.x - here.x) if way > _AHEAD else here.yaw
+            far = min(far, way)
+        self._number -= 1
+        line = Foothold(here.x, here.y, bearing, here.z)
+        self._send(Request(self._number, GroundQuery(line, far, feet), None, self._t, watch=True))
+
+    def _send(self, request: Request) -> None:
+        self._requests.publish(encode(request))
+
+    def _on_answer(self, message: Any) -> None:
+        answer = decode(Answer, message)
+        if self._stage is _Stage.ROUTE and answer.number > 0:
+            if self._goal is None and answer.level:
+                self._route.end("level")  # the rest is walked at the commanded velocity
+            else:
+                self._route.answer(answer)
+        elif self._stage in (_Stage.ASKED, _Stage.BLIND) and answer.number == self._number:
+            if not (answer.level or answer.blind):
+                self._stage = _Stage.STOP
+                self._stack.hold_velocity(*STILL)
+                self._stack.stop()
+            elif self._stage is _Stage.ASKED and self._goal is not None:
+                self._walk_blind(self._goal)
+
+    def _walk_blind(self, goal: Foothold) -> None:
+        self._stack.walk_to(goal)
+        self._stage, self._steps = _Stage.BLIND, self._law.steps
+
+    def _begin(self) -> None:
+        """It stands: turn to the goal, or follow plans along a line from here."""
+        here, goal = middle(self._law.footholds), self._goal
+        if goal is None:
+            self._stage = _Stage.ROUTE
+            self._route.begin(here, _ENDLESS)
+            return
+        bearing, way = math.atan2(goal.y - here.y, goal.x - here.x), math.hypot(goal.x - here.x, goal.y - here.y)
+        if abs(wrap(bearing - here.yaw)) > _TURNED:
+            self._stack.walk_to(Foothold(here.x, here.y, bearing, here.z))
+            return
+        self._stage = _Stage.ROUTE
+        self._route.begin(Foothold(here.x, here.y, bearing, here.z), way)
+
+    def _follow(self, t: float) -> None:
+        route, goal = self._route, self._goal
+        if (request := route.request(t)) is not None:
+            self._send(request)
+        if route.active or self._law.route.left or not self._law.settled:
+            return
+        if goal is None:
+            self._stage = _Stage.BLIND if route.outcome == "level" else _Stage.BLOCKED
+            self._steps = -1
+            if self._stage is _Stage.BLOCKED:
+                self._report(route.outcome)
+        elif route.outcome == "done" and abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > _FACING:
+            self._stack.walk_to(goal)
+            self._stage = _Stage.LAST
+        else:
+            self._finish(route.outcome)
+
+    def _finish(self, outcome: str) -> None:
+        self._stage, self._goal, self.outcome = _Stage.IDLE, None, outcome

@@ -1,0 +1,161 @@
+"""A walk along a line over measured ground: planned from standing, and again at every touchdown while the map grows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from msgspec import Struct
+
+from models.errors import PoiseError
+from planners.gait.footsteps import Foothold, middle
+from planners.gait.planner import GaitPlanner
+from planners.gait.route import Footstep
+from planners.terrain.footholds import GroundQuery
+
+_KEPT = 3  #: Footsteps that a plan during the walk does not change when it is requested
+_KEPT_MIN = 2  #: And when it comes: the DCM of the step under way depends on the next ones by exp(-omega t)
+_ARRIVED = 0.05  #: From the end of the way, where the walk is over [m]
+_BACK = 0.03  #: By which a plan may end before the one that it replaces [m]
+_HORIZON = 2.0  #: How far ahead of the feet is planned at most [m]
+
+
+class Walker(Protocol):
+    """Takes footsteps: the gait, or the stack around it."""
+
+    def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
+        """See ``GaitPlanner.take_steps``."""
+
+
+class Request(Struct, frozen=True):
+    """A query for a plan, and the touchdown after which the plan begins; None from standing."""
+
+    number: int
+    query: GroundQuery
+    after: int | None = None
+    stamp: float = 0.0  # of the request [s]
+    watch: bool = False  # only whether the way is level is asked
+
+
+class Answer(Struct, frozen=True):
+    """The plan for a request."""
+
+    number: int
+    steps: tuple[Footstep, ...] = ()
+    reason: str = ""  # why the steps end before the end of the way; empty when they do not
+    level: bool = False  # the whole way is on the level of the feet, as far as it is known
+    blind: bool = False  # no map of the ground is there
+
+
+class GroundRoute:
+    """Asks for plans, and has their footsteps taken, until the robot stands at the end of a line or cannot go on.
+
+        request = route.request(t)             # after every tick; None when no plan is due
+        route.answer(Answer(request.number, ...))
+
+    A plan from standing is made after ``look`` [s], in which the robot sees what is ahead. During the walk a touchdown
+    makes a plan due whose steps follow the next ones; a plan that comes too late, or ends before the present one, is not
+    used. So the robot goes on without a stop where the map grows in time, and otherwise stands, looks and goes on.
+
+    Attributes:
+        outcome: Empty under way; ``done``, or why the walk has ended.
+        plans: Plans that were used.
+    """
+
+    def __init__(self, gait: GaitPlanner, walker: Walker, *, look: float = 1.0, patience: float = 5.0) -> None:
+        self._gait, self._walker, self._look, self._patience = gait, walker, look, patience
+        self._number = 0
+        self.outcome, self.plans = "done", 0
+        self._pending: Request | None = None
+
+    @property
+    def active(self) -> bool:
+        """Whether a walk is under way."""
+        return not self.outcome
+
+    def begin(self, line: Foothold, distance: float) -> None:
+        """Walk along a line, from its pose on, over a ``distance`` [m]; the robot stands."""
+        self._line, self._distance = line, distance
+        self.outcome, self.plans = "", 0
+        self._pending, self._asked = None, self._gait.steps
+        self._standing: float | None = None
+        self._complete = False
+
+    def end(self, reason: str) -> None:
+        """Ask for no more plans; the footsteps under way are not affected."""
+        self.outcome, self._pending = self.outcome or reason, None
+
+    def request(self, t: float) -> Request | None:
+        """The plan that is due at a stamp [s], once."""
+        if not self.active:
+            return None
+        if self._pending is not None:
+            if t - self._since > self._patience:
+                self.end(f"no plan came for {self._patience:g} s: see the ground planner")
+            return None
+        gait = self._gait
+        if gait.route.left:
+            self._standing = None
+            if self._complete or gait.steps == self._asked or gait.route.left < _KEPT_MIN:
+                return None
+            self._asked, kept = gait.steps, min(_KEPT, gait.route.left)
+            feet, foot = gait.soles_after(kept), 1 - gait.route.steps[kept - 1].foot
+            return self._ask(t, GroundQuery(self._line, self._reach(feet), feet, foot), gait.steps + kept)
+        if not gait.settled:
+            return None
+        if self.plans and gait.route.outcome not in ("", "done"):
+            self.end(gait.route.outcome)
+            return None
+        feet = gait.footholds
+        if self._distance - self._way(feet) <= _ARRIVED:
+            self.end("done")
+            return None
+        self._standing = t if self._standing is None else self._standing
+        if t - self._standing < self._look:
+            return None
+        return self._ask(t, GroundQuery(self._line, self._reach(feet), feet))
+
+    def answer(self, answer: Answer) -> None:
+        """Use the plan for the newest request; others are left out."""
+        request = self._pending
+        if request is None or answer.number != request.number:
+            return
+        self._pending = None
+        if not answer.steps:
+            if request.after is None:
+                self.end(answer.reason or "the ground planner found no step")
+            return
+        if request.after is not None and not self._helps(request.after, answer.steps):
+            return
+        try:
+            self._walker.take_steps(answer.steps, request.after)
+        except PoiseError as error:
+            if request.after is None:
+                self.end(str(error))
+            return
+        self.plans += 1
+        self._asked, self._standing = self._gait.steps, None
+        self._complete = not answer.reason and request.query.distance == self._distance
+
+    def _ask(self, t: float, query: GroundQuery, after: int | None = None) -> Request:
+        self._number += 1
+        self._since, self._pending = t, Request(self._number, query, after, t)
+        return self._pending
+
+    def _way(self, feet: Sequence[Foothold]) -> float:
+        """Way of the middle between the soles along the line [m]."""
+        here = middle(feet)
+        return self._line.relative(here.x, here.y)[0]
+
+    def _reach(self, feet: Sequence[Foothold]) -> float:
+        return min(self._distance, self._way(feet) + _HORIZON)
+
+    def _helps(self, after: int, steps: Sequence[Footstep]) -> bool:
+        """Whether steps after a touchdown are in time, and go as far as those that they replace."""
+        gait = self._gait
+        in_time = _KEPT_MIN <= after - gait.steps <= gait.route.left
+        return in_time and self._end_of(steps) >= self._end_of(gait.route.steps) - _BACK
+
+    def _end_of(self, steps: Sequence[Footstep]) -> float:
+        """How far ahead the last two steps end [m]."""
+        return max(self._line.relative(step.hold.x, step.hold.y)[0] for step in steps[-2:])
