@@ -121,7 +121,7 @@ def _take(loop: ClosedLoop, steps: Sequence[Footstep]) -> None:
 
 
 def _walk_on_sight(loop: ClosedLoop, distance: float) -> GroundRoute:
-    """Walk straight ahead on the ground that the robot maps, over a distance [m], until it stands, falls or is stuck."""
+    """Walk straight ahead on the ground that the robot maps, over a distance [m]; or until it falls or is stuck."""
     planner, route, config = GroundPlanner(loop.robot, loop.gait.config), GroundRoute(loop.gait, loop.gait), _config()
     loop.run(_PERIOD)
     route.begin(middle(loop.gait.footholds), distance)

@@ -33,8 +33,8 @@ from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from planners.nodes.gait_planner import GaitPlannerNode
-from planners.nodes.motion_planner import MotionPlannerNode
 from planners.nodes.ground_planner import GroundPlannerNode
+from planners.nodes.motion_planner import MotionPlannerNode
 from planners.nodes.terrain_mapper import TerrainMapperNode
 
 #: Class of each node by its default name

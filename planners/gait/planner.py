@@ -293,7 +293,8 @@ class GaitPlanner:
         ahead = rear.relative(front.x, front.y)[0]
         gait.toe_off = self._footing.toe_off(1 - gait.stance, ahead, gait.pace.toe_off, elapsed, duration)
         bears = gait.measured.active
-        dragged = bears[gait.stance] and not bears[1 - gait.stance]  # off the floor, by the body after a wide step
+        # Off the floor, by the body after a wide step; until the planned touchdown it still bears after a bounce
+        dragged = bears[gait.stance] and not bears[1 - gait.stance] and elapsed >= 0.0
         far_off = self._far_off()
         # Also a foot that has just lost its load can bear again while it is on the floor.
         other = 1 - gait.stance

@@ -3,7 +3,6 @@
 import time
 from typing import Any
 
-import numpy as np
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import UInt8MultiArray
 

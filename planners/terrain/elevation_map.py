@@ -12,7 +12,6 @@ from models.numerics.compiled import njit
 from models.types import Matrix, Vector
 from planners.terrain.config import TerrainMapConfig
 
-
 _NEIGHBOURS = 5  #: Known ones of 8 from which on a hole is closed
 _HOLE = 0.02  #: Difference of their heights up to which it is [m]
 

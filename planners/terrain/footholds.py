@@ -15,7 +15,7 @@ from models.numerics.compiled import njit
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import LEFT, RIGHT, Feet, Foothold, rotated, side_of
+from planners.gait.footsteps import LEFT, RIGHT, Feet, Foothold, rotated
 from planners.gait.route import Footstep, check_footsteps
 from planners.gait.tread import Tread
 from planners.terrain.elevation_map import Heights
@@ -24,7 +24,9 @@ _GRID = (0.01, 0.02)  #: Between two places that are tried, along and across the
 _ASIDE = 0.30  #: To either side of the line they reach [m]
 _BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
 _FLAT = 0.012  #: Largest deviation of that ground from its plane [m]
-_LEVEL = 0.03  #: Difference of height up to which two places are on one level, and of way up to which feet are together [m]
+_LEVEL = (
+    0.03  #: Difference of height up to which two places are on one level, and of way up to which feet are together [m]
+)
 _ROOMS = (0.0, 0.02, 0.04)  #: Ways by which a sole may move ahead and back on its ground that are tried [m]
 _COMFORT = 0.02  #: Such a way from which on an edge does not matter [m]
 _INSIDE = 0.01  #: A step is planned so far inside the reach [m]
@@ -136,9 +138,9 @@ class GroundPlanner:
         begin = min(place[0] for place in first)
         count = max(math.ceil((query.distance - begin) / _GRID[0]), 0) + 1
         felt = max(place[0] for place in first) + self._limits.stride
-        ways = query.distance - _GRID[0] * np.arange(count - 1, -1, -1.0)
+        ways: Vector = query.distance - _GRID[0] * np.arange(count - 1, -1, -1.0)
         half = round(_ASIDE / _GRID[1])
-        sides = _GRID[1] * np.arange(-half, half + 1.0)
+        sides: Vector = _GRID[1] * np.arange(-half, half + 1.0)
         survey = self._survey(ground, line, ways, sides)
         starts = (LEFT, RIGHT) if query.foot is None else (query.foot,)
         at = np.array([[(*place, sole.z) for place, sole in zip(first, query.feet, strict=True)]] * len(starts))
@@ -285,8 +287,8 @@ def _fit_planes(
             known, low, high = True, np.inf, -np.inf
             for k in range(len(points)):
                 along, across = ways[i] + points[k, 0], sides[j] + points[k, 1]
-                x = int(math.floor((pose[0] + c * along - s * across - corner[0]) / cell))
-                y = int(math.floor((pose[1] + s * along + c * across - corner[1]) / cell))
+                x = math.floor((pose[0] + c * along - s * across - corner[0]) / cell)
+                y = math.floor((pose[1] + s * along + c * across - corner[1]) / cell)
                 inside = 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]
                 found[k] = heights[x, y] if inside else np.nan
                 if math.isnan(found[k]):

@@ -54,8 +54,8 @@ class GroundRoute:
         route.answer(Answer(request.number, ...))
 
     A plan from standing is made after ``look`` [s], in which the robot sees what is ahead. During the walk a touchdown
-    makes a plan due whose steps follow the next ones; a plan that comes too late, or ends before the present one, is not
-    used. So the robot goes on without a stop where the map grows in time, and otherwise stands, looks and goes on.
+    makes a plan due whose steps follow the next ones; one that comes too late, or ends before the present plan, is not
+    used. So the robot goes on without a stop where the map grows in time; otherwise it stands, looks and goes on.
 
     Attributes:
         outcome: Empty under way; ``done``, or why the walk has ended.
