@@ -77,9 +77,17 @@ def _options(
 def demo(
     robot: Robot = "g1",
     out: Annotated[Path, typer.Option(help="Folder for report, plots, film strip and recording.")] = Path("out"),
+    scene: Annotated[
+        Literal["square", "stairs"],
+        typer.Option(help="Wave, squat, push and a square; or a flight of stairs that the robot maps itself."),
+    ] = "square",
 ) -> None:
     """Stand, wave, squat, take a push and walk a square over ROS 2 in real time, and report how well."""
     need_ros()
+    if scene == "stairs":
+        from bridge.demo.stairs import demo_stairs
+
+        raise typer.Exit(demo_stairs(robot, out))
     from bridge.demo.run import demo as play
 
     raise typer.Exit(play(robot, out))

@@ -23,7 +23,7 @@ from planners.terrain.footholds import GroundPlanner
 from planners.terrain.ground_route import Answer, GroundRoute
 from planners.terrain.stairs import Stairs, stair_footsteps
 
-_SETTLE = 4.0  #: After the planned footsteps, until the walk counts as stuck [s]
+_SETTLE = 4.0  #: After the footsteps, until the walk counts as stuck [s]
 _PERIOD = 0.02  #: Of the requests for plans [s]
 _BEHIND = 4.0  #: Level ground behind stairs [m]
 _ROUNDING = 1e-6  #: Of the length of the ground [m]
@@ -132,6 +132,9 @@ def _walk_on_sight(loop: ClosedLoop, distance: float) -> GroundRoute:
             answers.append((loop.t + config.plan_delay, Answer(request.number, tuple(plan.steps), plan.reason)))
         while answers and answers[0][0] <= loop.t:
             route.answer(answers.pop(0)[1])
+        loop.run(_PERIOD)
+    latest = loop.t + _SETTLE
+    while loop.t < latest and not loop.fallen and not loop.gait.settled:
         loop.run(_PERIOD)
     return route
 

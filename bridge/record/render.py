@@ -1,7 +1,7 @@
 """Film strip or animation of a recorded run, or of several robots in one world, drawn by MuJoCo without a display.
 
-Run as ``python -m bridge.record.render [--profile PROFILE] RECORDING... PICTURE`` in a separate process: broken OpenGL
-libraries end the process that loads them. A picture named ``.gif`` is an animation.
+Run as ``python -m bridge.record.render [--profile PROFILE] [--terrain NAME] RECORDING... PICTURE`` in a separate
+process: broken OpenGL libraries end the process that loads them. A picture named ``.gif`` is an animation.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 
 from bridge.record.recording import Recording
 from models.errors import PoiseError
+from models.terrain import FLAT, Ground, terrain_named
 
 if TYPE_CHECKING:
     from models.robot_model import RobotModel
@@ -36,11 +37,12 @@ GL_PACKAGES = "Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
 GL_ADVICE = f"no pictures: EGL was not found; {GL_PACKAGES}"
 
 
-def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, timeout: float = 120.0) -> str:
+def render_filmstrip(
+    recording_file: Path, picture: Path, robot: str = "", *, terrain: str = FLAT, timeout: float = 120.0
+) -> str:
     """Draw a film strip of a file of ``Recording.save`` in another process; returns the error, or an empty text."""
-    return run_renderer(
-        "bridge.record.render", ["--profile", robot, str(recording_file), str(picture)], picture, timeout
-    )
+    options = ["--profile", robot, "--terrain", terrain]
+    return run_renderer("bridge.record.render", [*options, str(recording_file), str(picture)], picture, timeout)
 
 
 def run_renderer(module: str, arguments: Sequence[str], picture: Path, timeout: float) -> str:
@@ -98,7 +100,7 @@ def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
     return result
 
 
-def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> None:
+def draw(recordings: Sequence[Recording], picture: Path, profile: str = "", terrain: str = FLAT) -> None:
     """Draw in this process; needs ``MUJOCO_GL`` set before MuJoCo is first imported.
 
     The recordings, one for each robot, have the same stamps; the events of the first are shown. ``picture`` is PNG or
@@ -112,7 +114,12 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> N
 
     robots = {str(number): RobotModel.load(profile or each.robot) for number, each in enumerate(recordings)}
     alone = len(robots) == 1
-    world = {"0": build_mujoco(robots["0"], visuals=True)} if alone else build_mujoco_world(robots, visuals=True)
+    world = (
+        {"0": build_mujoco(robots["0"], visuals=True, terrain=terrain)}
+        if alone
+        else build_mujoco_world(robots, visuals=True, terrain=terrain)
+    )
+    ground = Ground(terrain_named(terrain))
     model, recording = world["0"].model, recordings[0]
     data = mujoco.MjData(model)
     animated = picture.suffix == ".gif"
@@ -133,7 +140,8 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> N
                 state = pin_to_mujoco(robots[name], mj, each.q[index], each.v[index])
                 data.qpos[mj.qpos], data.qvel[mj.qvel] = state
             mujoco.mj_forward(model, data)
-            camera.lookat[:] = *places[:, index].mean(axis=0), 0.5 * tall
+            x, y = places[:, index].mean(axis=0).tolist()
+            camera.lookat[:] = x, y, 0.5 * tall + ground.height(x, y)
             renderer.update_scene(data, camera)
             frame = Image.fromarray(renderer.render())
             happened = [text for stamp, text in recording.events if stamp <= time + 1e-6]
@@ -190,11 +198,12 @@ def main(arguments: list[str]) -> int:
     """Draw the last argument from the recordings before it."""
     parser = argparse.ArgumentParser(prog="python -m bridge.record.render")
     parser.add_argument("--profile", default="")
+    parser.add_argument("--terrain", default=FLAT)
     parser.add_argument("recordings", type=Path, nargs="+")
     parser.add_argument("picture", type=Path)
     given = parser.parse_args(arguments)
     try:
-        draw([Recording.load(file) for file in given.recordings], given.picture, given.profile)
+        draw([Recording.load(file) for file in given.recordings], given.picture, given.profile, given.terrain)
     except PoiseError as error:
         print(error, file=sys.stderr)
         return INPUT_ERROR

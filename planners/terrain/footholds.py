@@ -138,9 +138,9 @@ class GroundPlanner:
         begin = min(place[0] for place in first)
         count = max(math.ceil((query.distance - begin) / _GRID[0]), 0) + 1
         felt = max(place[0] for place in first) + self._limits.stride
-        ways: Vector = query.distance - _GRID[0] * np.arange(count - 1, -1, -1.0)
+        ways: Vector = np.asarray(query.distance - _GRID[0] * np.arange(count)[::-1], dtype=np.float64)
         half = round(_ASIDE / _GRID[1])
-        sides: Vector = _GRID[1] * np.arange(-half, half + 1.0)
+        sides: Vector = np.asarray(_GRID[1] * np.arange(-half, half + 1), dtype=np.float64)
         survey = self._survey(ground, line, ways, sides)
         starts = (LEFT, RIGHT) if query.foot is None else (query.foot,)
         at = np.array([[(*place, sole.z) for place, sole in zip(first, query.feet, strict=True)]] * len(starts))

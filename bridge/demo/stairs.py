@@ -1,0 +1,275 @@
+"""``poise demo --scene stairs``: over ROS 2 a robot climbs and descends a flight that it maps itself."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path as Footsteps
+from pydantic.dataclasses import dataclass
+from rich.console import Console
+from std_msgs.msg import Float64
+
+from bridge.analysis.plots import new_figure
+from bridge.demo.report import Check, fell, judge_speed, print_report, write_report
+from bridge.demo.stage import DemoConfig, Stage
+from bridge.launch.graph import Graph
+from bridge.record.recording import Recording
+from bridge.record.render import render_filmstrip
+from bridge.ros.processes import process_specs
+from models.config import STRICT, Positive, default_config
+from models.errors import PoiseError
+from models.heading import heading, turned
+from models.nodes import topics
+from models.nodes.grid_map import grid_map_type
+from models.nodes.messages import stamp_ns, to_seconds
+from models.nodes.qos import EVENT, SENSOR
+from models.nodes.realtime import end_within
+from models.nodes.spin import END_TIME
+from models.nodes.status import subscribe_status
+from models.robot_model import SOLE_FRAMES, RobotModel
+from models.status import RouteState, RouteStatus
+from models.terrain import Ground, Terrain, terrain_named
+from models.types import Matrix, Mode, Vector
+from planners.gait.footsteps import Foothold
+from planners.nodes.footstep_messages import pose_message
+from planners.nodes.ground_planner import ground_from_message
+from planners.terrain.elevation_map import Heights
+
+_SPACING = 0.02  #: Of the points of a sole under which map and ground are compared [m]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class StairsScene:
+    """Place and pass criteria; see ``bridge/config/demo_stairs.yaml``."""
+
+    terrain: str
+    behind: Positive
+    map_limit: Positive
+    walk_limit: Positive
+    map_error: Positive
+    foothold_error: Positive
+
+
+class Landing(NamedTuple):
+    """A touchdown, and what was known of it before its foot lifted."""
+
+    t: float  #: [s]
+    foot: int
+    error: float  #: Of the sole from its planned foothold, horizontal [m]
+    sole: Vector  #: True place (3,) [m]
+    planned: float  #: Height of the map under the sole, on the scale of W by the stance sole [m]
+    errors: Vector  #: Of the map under the sole, from the ground, relative to the stance sole (n,) [m]
+
+
+class StairsWalk:
+    """Walks to a goal behind the stairs, and keeps maps and footsteps."""
+
+    def __init__(self, stage: Stage, scene: StairsScene) -> None:
+        self._stage, self._scene, node = stage, scene, stage.graph.node
+        self._routes: list[RouteStatus] = []
+        self.maps: list[Any] = []
+        self.planned: list[Footsteps] = []
+        self.taken: list[tuple[float, Any]] = []  # stamp [s] and pose of each touchdown
+        self._walking = False
+        self._goals = node.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
+        subscribe_status(node, RouteStatus, topics.ROUTE_STATUS, self._routes.append)
+        node.create_subscription(grid_map_type(), topics.TERRAIN_MAP, self.maps.append, SENSOR)
+        node.create_subscription(Footsteps, topics.FOOTSTEPS, self.planned.append, EVENT)
+        node.create_subscription(Footsteps, topics.FOOTSTEPS_TAKEN, self._on_taken, EVENT)
+        self._margin = node.create_subscription(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
+
+    def play(self, distance: float) -> None:
+        """Walk ahead by a distance [m] and stand; ``PoiseError`` when the goal is refused or not reached."""
+        stage, scene = self._stage, self._scene
+        stage.watch(lambda: bool(self.maps), scene.map_limit, "no map of the ground arrived")
+        start = Foothold(*stage.observer.place)
+        stage.graph.send("walk")
+        stage.watch(lambda: self._walking, stage.config.start_limit, "it does not begin to walk")
+        stage.graph.node.destroy_subscription(self._margin)
+        stage.note(f"goal {distance:.1f} m ahead")
+        self._goals.publish(pose_message(Foothold(*start.moved(distance, 0.0), start.yaw), topics.ODOM_FRAME))
+        ended = lambda: bool(self._routes) and self._routes[-1].state is not RouteState.RUNNING  # noqa: E731
+        stage.watch(ended, scene.walk_limit, "the goal was not reached")
+        if self._routes[-1].state is not RouteState.DONE:
+            raise PoiseError(f"the walk to the goal {self._routes[-1]}")
+        stage.note("arrived")
+        stage.graph.send("stop")
+        stage.watch(lambda: stage.graph.mode == Mode.STAND.value, stage.config.walk_limit, "it does not stop")
+        stage.pause(1.0)
+
+    def _on_margin(self, message: Float64) -> None:
+        """The gait planner publishes its margin once it controls the robot."""
+        self._walking = True
+
+    def _on_taken(self, message: Footsteps) -> None:
+        pose = message.poses[-1]
+        self.taken.append((to_seconds(stamp_ns(pose.header.stamp)), pose))
+
+    def landings(self, model: RobotModel, recording: Recording, ground: Ground) -> list[Landing]:
+        """Every touchdown whose foothold and map were known before its foot lifted."""
+        assert recording.estimate is not None
+        maps = [(to_seconds(stamp_ns(each.header.stamp)), ground_from_message(each)) for each in self.maps]
+        plans = [(to_seconds(stamp_ns(each.header.stamp)), each) for each in self.planned]
+        found = []
+        for (before, _), (t, taken) in zip(self.taken, self.taken[1:], strict=False):
+            frame = taken.header.frame_id
+            known = [plan for stamp, plan in plans if stamp <= before]
+            seen = [heights for stamp, heights in maps if stamp <= before]
+            poses = [pose for pose in (known[-1].poses if known else []) if pose.header.frame_id == frame]
+            if not poses or not seen:
+                continue
+            aim, landed = poses[-1].pose.position, taken.pose.position
+            i = int(np.searchsorted(recording.t, t).clip(0, len(recording.t) - 1))
+            true = _soles(model, recording.q[i])
+            estimate = _soles(model, np.concatenate([recording.estimate[i], recording.q[i, 7:]]))
+            foot = SOLE_FRAMES.index(frame)
+            places, rises = _under(model, foot, true, estimate, seen[-1])
+            truth = np.array([ground.height(x, y) for x, y in places]) - true[1 - foot].translation[2]
+            found.append(
+                Landing(
+                    t,
+                    foot,
+                    float(np.hypot(landed.x - aim.x, landed.y - aim.y)),
+                    true[foot].translation.copy(),
+                    float(np.nanmean(rises) + true[1 - foot].translation[2]) if np.isfinite(rises).any() else np.nan,
+                    rises - truth,
+                )
+            )
+        return found
+
+
+def _soles(model: RobotModel, q: Vector) -> list[pin.SE3]:
+    data = model.data()
+    pin.framesForwardKinematics(model.pin, data, q)
+    return [data.oMf[foot.frame_id].copy() for foot in model.feet]
+
+
+def _under(
+    model: RobotModel, foot: int, true: Sequence[pin.SE3], estimate: Sequence[pin.SE3], heights: Heights
+) -> tuple[Matrix, Vector]:
+    """True places under a sole (n, 2), and their heights on the map above the other sole (n,) [m]."""
+    x_min, x_max, y_min, y_max = model.feet[foot].rectangle
+    points = np.array([(x, y) for x in np.arange(x_min, x_max, _SPACING) for y in np.arange(y_min, y_max, _SPACING)])
+
+    def placed(sole: pin.SE3) -> Matrix:
+        yaw = heading(*pin.Quaternion(sole.rotation).coeffs())
+        places: Matrix = turned(points, yaw) + sole.translation[:2]
+        return places
+
+    return placed(true[foot]), heights.at(placed(estimate[foot])) - estimate[1 - foot].translation[2]
+
+
+def judge_stairs(
+    model: RobotModel, recording: Recording, landings: Sequence[Landing], scene: StairsScene, terrain: Terrain
+) -> tuple[list[Check], dict[str, float]]:
+    """Checks and figures of a walk over the flight, all against the truth."""
+    heights = np.array([landing.sole[2] for landing in landings])
+    errors = np.concatenate([np.zeros(0), *(landing.errors for landing in landings)])
+    known = errors[np.isfinite(errors)]
+    rmse = float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+    off = max((landing.error for landing in landings), default=float("nan"))
+    top = (terrain.count or 0) * terrain.height
+    climbed = len(heights) > 0 and heights.max() > top - 0.02 and abs(heights[-1]) < 0.02
+    fallen = fell(recording.q, recording.q[0, 2])
+    duration = float(recording.t[-1] - recording.t[0])
+    checks = [
+        Check("flight", climbed and not fallen, f"{len(landings)} steps in {duration:.1f} s, up {heights.max():.2f} m")
+        if len(heights)
+        else Check("flight", False, "no step was taken"),
+        Check("fall", not fallen, "fell" if fallen else "none"),
+        Check("map", rmse < scene.map_error, f"RMSE {1e3 * rmse:.1f} mm under the soles before they land"),
+        Check("footholds", off < scene.foothold_error, f"largest error {1e2 * off:.1f} cm"),
+    ]
+    figures = {
+        "steps": float(len(landings)),
+        "duration_s": duration,
+        "map_rmse_m": rmse,
+        "map_known": len(known) / max(len(errors), 1),
+        "foothold_error_max_m": off,
+    }
+    return checks, figures
+
+
+def plot_stairs(recording: Recording, landings: Sequence[Landing], ground: Ground, file: Path) -> Path:
+    """Flight, map and soles from the side, and the errors of each step."""
+    figure = new_figure(9.0, 5.0)
+    side, below = figure.subplots(2, 1, height_ratios=(2, 1))
+    reach = float(recording.q[:, 0].max()) + 0.3
+    along = np.arange(-0.3, reach, 0.005)
+    side.plot(along, [ground.height(x, 0.0) for x in along.tolist()], color="0.6", linewidth=1.0, label="ground")
+    for foot, (name, colour) in enumerate((("left", "#1b6ca8"), ("right", "#d1495b"))):
+        own = [each for each in landings if each.foot == foot]
+        x = [each.sole[0] for each in own]
+        side.plot(x, [each.sole[2] for each in own], "_", color=colour, markersize=14, label=f"{name} sole")
+        side.plot(x, [each.planned for each in own], "x", color=colour, markersize=4, label="... on its map")
+    side.plot(recording.q[:, 0], recording.q[:, 2], color="0.3", linewidth=0.7, label="base")
+    side.set(xlabel="x [m]", ylabel="z [m]")
+    side.legend(fontsize=7, frameon=False, ncols=2)
+    number = np.arange(len(landings))
+    squares = [each.errors[np.isfinite(each.errors)] ** 2 for each in landings]
+    rms = [1e3 * float(np.mean(each)) ** 0.5 if len(each) else np.nan for each in squares]
+    below.plot(number, rms, "k.-", linewidth=0.7, label="map under the sole, RMSE [mm]")
+    off = [1e3 * each.error for each in landings]
+    below.plot(number, off, ".-", color="#66a182", linewidth=0.7, label="sole from its foothold [mm]")
+    below.set(xlabel="step", ylabel="error [mm]", ylim=(0.0, None))
+    below.legend(fontsize=7, frameon=False)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=110)
+    return file
+
+
+def demo_stairs(robot: str = "g1", out: Path = Path("out")) -> int:
+    """Climb and descend the flight, with all files in ``out``; returns 0 when every check passed, otherwise 1."""
+    console, begin = Console(), time.monotonic()
+    config = default_config(DemoConfig, "bridge", "demo")
+    scene = default_config(StairsScene, "bridge", "demo_stairs")
+    terrain = terrain_named(scene.terrain)
+    way = terrain.patch + 2.0 * ((terrain.count or 1) - 1) * terrain.size + terrain.landing + scene.behind
+
+    def say(text: str) -> None:
+        console.print(f"[dim]{time.monotonic() - begin:6.1f} s[/dim]  {text}", highlight=False)
+
+    out.mkdir(parents=True, exist_ok=True)
+    model = RobotModel.load(robot)
+    parameters = {"robot_driver": {"terrain": scene.terrain}, "range_sensor_node": {"terrain": scene.terrain}}
+    graph = Graph(robot, specs=process_specs(terrain_map=True), parameters=parameters, log=out / "graph.log", say=say)
+    failure, recording, landings = "", None, list[Landing]()
+    factor = float("nan")
+    try:
+        with graph:
+            stage = Stage(graph, model, config, say)
+            walk = StairsWalk(stage, scene)
+            try:
+                graph.wait_standing(config.start_limit)
+                stage.watch(lambda: stage.observer.ready, config.start_limit, "no ground truth or no estimate arrived")
+                began = time.monotonic(), stage.observer.stamp
+                walk.play(way)
+                factor = (stage.observer.stamp - began[1]) / (time.monotonic() - began[0])
+            except PoiseError as error:
+                failure = str(error)
+            recording = stage.observer.recording(stage.events)
+            stage.observer.close()
+            landings = walk.landings(model, recording, Ground(terrain))
+    except PoiseError as error:
+        failure = failure or str(error)
+    checks = [Check("scenario", not failure, failure or "played to its end")]
+    figures: dict[str, float] = {}
+    if recording is not None:
+        judged, figures = judge_stairs(model, recording, landings, scene, terrain)
+        checks += [*judged, judge_speed({"real_time_factor": factor}, config)]
+        recording.save(out / "recording.npz")
+        say(f"plot: {plot_stairs(recording, landings, Ground(terrain), out / 'stairs.png')}")
+        problem = render_filmstrip(out / "recording.npz", out / "filmstrip.png", robot, terrain=scene.terrain)
+        say(problem or f"film strip: {out / 'filmstrip.png'}")
+    passed = all(check.passed for check in checks)
+    print_report(console, model.name, checks, figures, {"real_time_factor": factor})
+    write_report(out / "report.json", model.name, checks, figures, {"real_time_factor": factor}, passed)
+    say(f"report: {out / 'report.json'}")
+    end_within(END_TIME, int(not passed))()
+    return int(not passed)
