@@ -124,7 +124,7 @@ class StairsWalk:
             poses = [pose for pose in (known[-1].poses if known else []) if pose.header.frame_id == frame]
             if not poses or not seen:
                 continue
-            aim, landed = poses[-1].pose.position, taken.pose.position
+            aim, landed = poses[0].pose.position, taken.pose.position
             i = int(np.searchsorted(recording.t, t).clip(0, len(recording.t) - 1))
             true = _soles(model, recording.q[i])
             estimate = _soles(model, np.concatenate([recording.estimate[i], recording.q[i, 7:]]))

@@ -29,6 +29,7 @@ FRAMES, ROWS = 12, 2  #: Pictures in a film strip, and rows of it [-]
 FRAME_SIZE = (300, 480)  #: Width and height of one picture [pixel]
 GIF_SIZE, GIF_RATE, GIF_SPEED = (160, 230), 6, 4.5  #: Of an animation: size [pixel], pictures a second, times real time
 GIF_COLORS = 32  #: Of its palette [-]
+SIDE = 105.0  #: Azimuth of the view of a robot on a terrain [deg]
 DONE = "done"  #: Last word of the events that end a part of the run
 INPUT_ERROR = 3  #: Exit status for an unusable recording or profile
 DARKEST = 0.2  #: Of each colour of a portrait: black robots would have no edges [-]
@@ -125,11 +126,16 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "", terr
     animated = picture.suffix == ".gif"
     width, height = GIF_SIZE if animated else FRAME_SIZE
     t = recording.t
-    times = list(np.arange(t[0], t[-1], GIF_SPEED / GIF_RATE)) if animated else frame_times(recording)
+    if animated:
+        times = list(np.arange(t[0], t[-1], GIF_SPEED / GIF_RATE))
+    else:  # on a terrain every step counts
+        times = frame_times(recording) if terrain == FLAT else np.linspace(t[0], t[-1], FRAMES).tolist()
     tall = max(float(each.q[0, 2]) for each in recordings) / PELVIS
     places = np.array([each.q[:, :2] for each in recordings])  # (robots, n, 2)
     spread = float(np.linalg.norm(np.ptp(places, axis=0), axis=1).max())
     camera = _camera(model, (width, height), tall + spread)
+    if terrain != FLAT:
+        camera.azimuth = SIDE  # steps are seen in profile
     font = ImageFont.load_default(size=10 if animated else 18)
     frames = []
     with mujoco.Renderer(model, height, width) as renderer:

@@ -17,18 +17,21 @@ from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, RIGHT, Feet, Foothold, rotated
 from planners.gait.route import Footstep, check_footsteps
-from planners.gait.tread import Tread
+from planners.gait.tread import Tread, leg_height
 from planners.terrain.elevation_map import Heights
 
 _GRID = (0.01, 0.02)  #: Between two places that are tried, along and across the line [m]
 _ASIDE = 0.30  #: To either side of the line they reach [m]
 _BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
+_POINTS = 0.02  #: Between the points of that ground, at most [m]
 _FLAT = 0.012  #: Largest deviation of that ground from its plane [m]
 _LEVEL = (
     0.03  #: Difference of height up to which two places are on one level, and of way up to which feet are together [m]
 )
-_ROOMS = (0.0, 0.02, 0.04)  #: Ways by which a sole may move ahead and back on its ground that are tried [m]
+_ROOM = (0.06, 0.30)  #: Ways along and across by which a sole may move on its ground that are looked for [m]
+_SAME = 0.01  #: Difference of height between neighbours of a lattice on the same ground [m]
 _COMFORT = 0.02  #: Such a way from which on an edge does not matter [m]
+_WALL = 0.10  #: Distance ahead or behind of a sole from which on higher ground does not matter [m]
 _INSIDE = 0.01  #: A step is planned so far inside the reach [m]
 _STANCE = 0.08  #: Difference from the nominal stance in which a plan may end [m]
 _DEPTH = 40  #: Footsteps of a plan at most
@@ -43,7 +46,9 @@ class Costs(NamedTuple):
 
     left: float = 6.0  #: Of every stride of the distance that is left at its end
     long: float = 30.0  #: Of the square of what a step is longer than the stride, or its swing than two [1/m^2]
-    edge: float = 0.3  #: Of a sole beside an edge
+    crouch: float = 200.0  #: Of the square of how much lower the body is between both soles [1/m^2]
+    edge: float = 0.6  #: Of a sole beside an edge
+    wall: float = 2.0  #: Of a sole that touches higher ground ahead or behind, which shin and heel may hit
     line: float = 100.0  #: Of the square of a sole's distance from its nominal place beside the line [1/m^2]
     width: float = 100.0  #: Of the square of the difference from the nominal width between the feet [1/m^2]
 
@@ -73,7 +78,8 @@ class _Survey(NamedTuple):
     across: Matrix  #: and across [-]
     low: Matrix  #: Lowest and
     high: Matrix  #: highest of what is known [m]
-    room: Matrix  #: See ``_ROOMS`` [m]
+    room: Matrix  #: By which the sole may move on the same ground: back, forward, right, left (n, m, 4) [m]
+    wall: Matrix  #: Share of ``_WALL`` by which higher ground is nearer [-]
 
 
 class _Limits(NamedTuple):
@@ -89,6 +95,7 @@ class _Limits(NamedTuple):
     stride: float
     level: float
     comfort: float
+    leg: float
 
 
 class _Begun(NamedTuple):
@@ -111,13 +118,12 @@ class GroundPlanner:
     def __init__(self, robot: RobotModel, config: GaitConfig, stride: float = 0.25, costs: Costs | None = None) -> None:
         self._config, self._costs = config, costs or Costs()
         x_min, x_max, y_min, y_max = robot.feet[LEFT].rectangle
-        across = np.arange(y_min - _BESIDE, y_max + _BESIDE + 1e-6, 0.02)
-        self._fits: list[tuple[Matrix, Matrix]] = []  # points of the sole and its room, and the inverse of their plane
-        for room in _ROOMS:
-            more = config.swing.edge + room
-            along = np.arange(x_min - more, x_max + more + 1e-6, 0.02)
-            points = np.array([(x, y) for x in along for y in across])
-            self._fits.append((points, np.linalg.pinv(np.column_stack([points, np.ones(len(points))]))))
+        self._sole = x_min, x_max
+        across = np.linspace(y_min - _BESIDE, y_max + _BESIDE, 2 + round((y_max - y_min + 2.0 * _BESIDE) / _POINTS))
+        edge = config.swing.edge
+        along = np.linspace(x_min - edge, x_max + edge, 2 + round((x_max - x_min + 2.0 * edge) / _POINTS))
+        self._points = np.array([(x, y) for x in along for y in across])
+        self._inverse = np.linalg.pinv(np.column_stack([self._points, np.ones(len(self._points))]))
         reach, limits, period = config.reach, config.velocity, config.period
         self._limits = _Limits(
             reach.forward - _INSIDE,
@@ -130,6 +136,7 @@ class GroundPlanner:
             stride,
             _LEVEL,
             _COMFORT,
+            config.leg,
         )
 
     def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
@@ -172,28 +179,25 @@ class GroundPlanner:
 
     def level(self, ground: Heights, query: GroundQuery) -> bool:
         """Whether the ground along the way is known, and level to where the feet walk, so that no plan is needed."""
-        half = 0.5 * self._limits.width + self._fits[0][0][:, 1].max()
+        half = 0.5 * self._limits.width + self._points[:, 1].max()
         start = min(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
-        ways = np.arange(start, query.distance + self._fits[0][0][:, 0].max(), ground.cell)
+        ways = np.arange(start, query.distance + self._points[:, 0].max(), ground.cell)
         sides = np.arange(-half, half + 1e-6, ground.cell)
         heights = ground.at(np.array([query.line.moved(way, side) for way in ways.tolist() for side in sides.tolist()]))
         off = np.abs(heights - np.mean([sole.z for sole in query.feet]))
         return int((off > _LEVEL).sum()) < _STRAY
 
     def _survey(self, ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> _Survey:
-        shape = len(ways), len(sides)
-        wanted, room, found = np.ones(shape, dtype=np.bool_), np.zeros(shape), None
-        for way, (points, inverse) in zip(_ROOMS, self._fits, strict=True):
-            fits, planes, bounds = _fit_planes(
-                ground.values, ground.corner, ground.cell, line.pose, ways, sides, points, inverse, wanted, _FLAT
-            )
-            if found is None:
-                found = fits, planes, bounds
-            wanted = fits == 1
-            room[wanted] = way
-        assert found is not None
-        fits, planes, bounds = found
-        return _Survey(fits, planes[..., 2], planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room)
+        more = round(_ROOM[0] / _GRID[0])  # places beyond, for the room of the first and last
+        beyond = _GRID[0] * np.arange(1, more + 1)
+        longer = np.concatenate([ways[0] - beyond[::-1], ways, ways[-1] + beyond])
+        at = ground.values, ground.corner, ground.cell, line.pose, longer, sides
+        fits, planes, bounds = _fit_planes(*at, self._points, self._inverse, _FLAT)
+        height = planes[..., 2]
+        wall = _walls(*at, self._sole, fits, planes, _WALL)
+        room = _rooms(fits, height, (more, round(_ROOM[1] / _GRID[1])), _SAME) * np.repeat(_GRID, 2)
+        layers = fits, height, planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room, wall
+        return _Survey(*(np.ascontiguousarray(layer[more:-more]) for layer in layers))
 
     def _end_costs(self, begun: _Begun, distance: float) -> Vector:
         """Costs of plans that end here; infinite where the feet are not side by side."""
@@ -235,9 +239,9 @@ class GroundPlanner:
         hold = Foothold(x, y, line.yaw, float(after.at[i, foot, 2]))
         if survey.fits[row, column] != 1:
             return Footstep(foot, hold)
-        way = float(survey.room[row, column])
+        back, forward, right, left = survey.room[row, column].tolist()
         slope = rotated(line.yaw, float(survey.along[row, column]), float(survey.across[row, column]))
-        return Footstep(foot, hold, Tread(slope, (way, way, _BESIDE, _BESIDE)))
+        return Footstep(foot, hold, Tread(slope, (back, forward, right + _BESIDE, left + _BESIDE)))
 
     def _checked(self, steps: list[Footstep], feet: Sequence[Foothold]) -> list[Footstep]:
         """The steps, or none where the gait would refuse them: feet that are turned from the line, too steep ground."""
@@ -273,17 +277,14 @@ def _fit_planes(
     sides: Vector,
     points: Matrix,
     inverse: Matrix,
-    wanted: NDArray[np.bool_],
     flat: float,
 ) -> tuple[NDArray[np.int8], Matrix, Matrix]:
-    """Planes through the ground at points (k, 2) around each wanted place; see ``_Survey``."""
+    """Planes through the ground at points (k, 2) around each place; see ``_Survey``."""
     shape = len(ways), len(sides)
     fits, planes, bounds = np.zeros(shape, np.int8), np.zeros((*shape, 3)), np.empty((*shape, 2))
     c, s, found = math.cos(pose[2]), math.sin(pose[2]), np.empty(len(points))
     for i in range(shape[0]):
         for j in range(shape[1]):
-            if not wanted[i, j]:
-                continue
             known, low, high = True, np.inf, -np.inf
             for k in range(len(points)):
                 along, across = ways[i] + points[k, 0], sides[j] + points[k, 1]
@@ -314,6 +315,69 @@ def _fit_planes(
 
 
 @njit(cache=True)
+def _rooms(fits: NDArray[np.int8], height: Matrix, steps: tuple[int, int], same: float) -> Matrix:
+    """Steps of the lattice, up to these along and across, by which a sole may move: back, forward, right, left.
+
+    On all places in between it fits, and neighbours differ by less than ``same`` in height; across, they have
+    the same room along, up to a step.
+    """
+    rooms = np.zeros((*fits.shape, 4))
+    for way in range(2):  # across needs what is along
+        for i in range(fits.shape[0]):
+            for j in range(fits.shape[1]):
+                if fits[i, j] != 1:
+                    continue
+                for sign in (-1, 1):
+                    last, count = height[i, j], 0
+                    while count < steps[way]:
+                        row, column = (i + sign * (count + 1), j) if way == 0 else (i, j + sign * (count + 1))
+                        if not (0 <= row < fits.shape[0] and 0 <= column < fits.shape[1]) or fits[row, column] != 1:
+                            break
+                        if abs(height[row, column] - last) > same:
+                            break
+                        if way == 1 and (
+                            rooms[row, column, 0] < rooms[i, j, 0] - 1 or rooms[row, column, 1] < rooms[i, j, 1] - 1
+                        ):
+                            break
+                        last, count = height[row, column], count + 1
+                    rooms[i, j, 2 * way + (sign + 1) // 2] = count
+    return rooms
+
+
+@njit(cache=True)
+def _walls(
+    heights: Matrix,
+    corner: tuple[float, float],
+    cell: float,
+    pose: tuple[float, float, float],
+    ways: Vector,
+    sides: Vector,
+    sole: tuple[float, float],
+    fits: NDArray[np.int8],
+    planes: Matrix,
+    far: float,
+) -> Matrix:
+    """Share of a distance [m] by which ground above the plane of a sole from x_min to x_max is nearer to its ends."""
+    wall = np.zeros(fits.shape)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(len(ways)):
+        for j in range(len(sides)):
+            if fits[i, j] != 1:
+                continue
+            beyond = 0.0
+            while beyond < far and wall[i, j] == 0.0:
+                beyond += 0.5 * cell
+                for ahead in (sole[0] - beyond, sole[1] + beyond):
+                    along = ways[i] + ahead
+                    x = math.floor((pose[0] + c * along - s * sides[j] - corner[0]) / cell)
+                    y = math.floor((pose[1] + s * along + c * sides[j] - corner[1]) / cell)
+                    inside = 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]
+                    if inside and heights[x, y] > planes[i, j, 2] + planes[i, j, 0] * ahead + _LEVEL:
+                        wall[i, j] = max(1.0 - beyond / far, 0.0)
+    return wall
+
+
+@njit(cache=True)
 def _expand(
     begun: _Begun, ways: Vector, sides: Vector, survey: _Survey, felt: float, limits: _Limits, costs: Costs
 ) -> tuple[Matrix, NDArray[np.int64]]:
@@ -341,7 +405,7 @@ def _expand(
                     continue
                 room = limits.comfort
                 if survey.fits[i, j] == 1:
-                    rise, room = survey.height[i, j] - stance[2], survey.room[i, j]
+                    rise, room = survey.height[i, j] - stance[2], min(survey.room[i, j, 0], survey.room[i, j, 1])
                 elif survey.fits[i, j] < 0 and ways[i] <= felt + 1e-9 and not begun.seen[n]:  # level as far as known
                     if survey.low[i, j] < stance[2] - limits.level or survey.high[i, j] > stance[2] + limits.level:
                         continue
@@ -353,6 +417,11 @@ def _expand(
                 longer, farther = max(ahead - limits.stride, 0.0), max(swing - 2.0 * limits.stride, 0.0)
                 off, wider = sides[j] - 0.5 * side * limits.width, out - limits.width
                 value = begun.cost[n] + 1.0 + costs.long * (longer * longer + farther * farther)
+                square = 0.25 * (ahead * ahead + wider * wider)
+                crouch = limits.leg - leg_height(square, limits.leg) + 0.5 * abs(rise)
+                value += costs.crouch * crouch * crouch
+                if survey.fits[i, j] == 1:
+                    value += costs.wall * survey.wall[i, j]
                 value += costs.edge * max(limits.comfort - room, 0.0) / limits.comfort
                 value += costs.line * off * off + costs.width * wider * wider
                 if value < best[n, i]:

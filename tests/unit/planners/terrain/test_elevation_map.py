@@ -7,7 +7,7 @@ import pytest
 
 from models.config import default_config
 from planners.terrain.config import TerrainMapConfig
-from planners.terrain.elevation_map import ElevationMap
+from planners.terrain.elevation_map import ElevationMap, Heights
 
 EYE = np.array([0.0, 0.0, 1.3])
 
@@ -116,3 +116,15 @@ def test_old_heights_become_unknown(config: TerrainMapConfig, grid: ElevationMap
 def test_the_map_has_the_cells_of_its_size(config: TerrainMapConfig) -> None:
     grid = ElevationMap(replace(config, cell=0.05, length=2.0))
     assert grid.height.shape == (40, 40)
+
+
+def test_holes_between_the_rays_are_closed_on_level_ground_only() -> None:
+    values = np.zeros((7, 9))
+    values[:, 6:] = 0.1
+    values[2, 2], values[4, 6], values[:2, 4] = np.nan, np.nan, np.nan
+    closed = Heights(values, (1.0, 2.0), 0.02).closed()
+    assert closed.values[2, 2] == 0.0
+    assert np.isnan(closed.values[4, 6])  # at an edge
+    assert np.isnan(closed.values[0, 4])  # too little is known around it
+    found = closed.at(np.array([[1.05, 2.05], [1.05, 2.13], [0.99, 2.05], [1.05, 2.19]]))
+    assert found == pytest.approx([0.0, 0.1, np.nan, np.nan], nan_ok=True)

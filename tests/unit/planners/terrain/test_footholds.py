@@ -17,7 +17,7 @@ from planners.terrain.mapper import TerrainMapper
 G1 = RobotModel.load("g1")
 GAIT = load_gait_config(G1)
 START = Foothold(0.0, 0.0, 0.0)
-X_MIN, X_MAX, _, _ = G1.feet[0].rectangle
+X_MIN, X_MAX, Y_MIN, Y_MAX = G1.feet[0].rectangle
 
 
 @pytest.fixture(scope="module")
@@ -26,9 +26,13 @@ def mapper() -> TerrainMapper:
 
 
 def plan_on(
-    mapper: TerrainMapper, height: Callable[[float, float], float], distance: float = 1.2, noise: float = 0.002
+    mapper: TerrainMapper,
+    height: Callable[[float, float], float],
+    distance: float = 1.2,
+    noise: float = 0.002,
+    start: Foothold = START,
 ) -> GroundPlan:
-    """Plan on a map of a function of x and y, NaN where unknown, with noise [m]."""
+    """Plan along x on a map of a function of x and y, NaN where unknown, with noise [m]."""
     grid = mapper.map
     grid.clear()
     grid.move_to(0.0, 0.0)
@@ -37,7 +41,7 @@ def plan_on(
     grid.height[:] = heights + noise * np.random.default_rng(2).standard_normal(heights.shape)
     grid.variance[:] = np.where(np.isnan(heights), np.inf, 4e-6)
     mapper.reference = 0.0
-    query = GroundQuery(START, distance, soles_at(START, GAIT.reach.width))
+    query = GroundQuery(START, distance, soles_at(start, GAIT.reach.width))
     return GroundPlanner(G1, GAIT).plan(mapper.ground(), query)
 
 
@@ -100,3 +104,49 @@ def test_soles_take_the_slope_of_the_ground(mapper: TerrainMapper) -> None:
     for step in steps:
         assert step.tread is not None and step.tread.slope == pytest.approx((0.1, -0.05), abs=0.03)
         assert step.hold.z == pytest.approx(0.1 * step.hold.x - 0.05 * step.hold.y, abs=0.004)
+
+
+def stones(x: float, y: float) -> float:
+    """Squares of 30 cm in rows 45 cm apart, from 0.55 on, the middle ones around the x axis; a pit between them."""
+    return 0.0 if x < 0.4 or ((x - 0.55) % 0.45 < 0.3 and (y + 0.15) % 0.45 < 0.3) else -0.5
+
+
+@pytest.mark.parametrize("aside", [-0.04, 0.0, 0.05])
+def test_on_stones_it_comes_back_to_its_line_and_ends_side_by_side(mapper: TerrainMapper, aside: float) -> None:
+    """A plan that takes what is nearest step by step loses the stones after some of them, or ends astride a gap."""
+    steps, why = plan_on(mapper, stones, start=Foothold(0.0, aside, 0.0))
+    left, right = sorted((step.hold for step in steps[-2:]), key=lambda hold: -hold.y)
+    assert why == "" or left.x > 0.9, why
+    assert abs(left.x - right.x) <= 0.03 and left.y - right.y == pytest.approx(GAIT.reach.width, abs=0.08)
+    for step in steps:
+        for x, y in [(step.hold.x + x, step.hold.y + y) for x in (X_MIN, X_MAX) for y in (Y_MIN, Y_MAX)]:
+            assert stones(x, y) == 0.0
+
+
+def test_soles_keep_away_from_the_riser_that_shin_or_heel_may_meet(mapper: TerrainMapper) -> None:
+    for sign in (1.0, -1.0):
+        steps, _ = plan_on(mapper, lambda x, _, s=sign: s * 0.15 * max(math.floor((x - 0.4) / 0.3) + 1, 0))
+        on_treads = [(step.hold.x - 0.4) % 0.3 for step in steps if 0.4 < step.hold.x < 1.0]
+        for place in on_treads:
+            wall, free = (0.3 - place - X_MAX, place + X_MIN) if sign > 0.0 else (place + X_MIN, 0.3 - place - X_MAX)
+            assert wall > free > 0.025
+        assert len(on_treads) >= 4
+
+
+def test_what_is_level_is_known_and_needs_no_plan(mapper: TerrainMapper) -> None:
+    def level_ahead(height: Callable[[float, float], float], distance: float) -> bool:
+        plan_on(mapper, height)
+        query = GroundQuery(START, distance, soles_at(START, GAIT.reach.width))
+        return GroundPlanner(G1, GAIT).level(mapper.ground(), query)
+
+    riser: Callable[[float, float], float] = lambda x, _: 0.15 if x > 0.9 else 0.0  # noqa: E731
+    assert level_ahead(lambda x, _: 0.01 * x if x > 0.4 else math.nan, 1.0)
+    assert level_ahead(riser, 0.6) and not level_ahead(riser, 0.9)
+    assert not level_ahead(lambda x, y: -0.4 if x > 0.9 and y < 0.0 else 0.0, 0.9)  # under one foot
+
+
+def test_ahead_of_a_foot_on_known_ground_nothing_is_felt(mapper: TerrainMapper) -> None:
+    """As on stairs: what is not seen beside a foot that stands on the map may be an edge."""
+    steps, why = plan_on(mapper, lambda x, _: 0.0 if x < 0.3 or x > 0.8 else math.nan)
+    assert why == "the ground ahead is not known"
+    assert all(step.tread is not None and step.hold.x + X_MAX < 0.3 for step in steps)

@@ -1,0 +1,125 @@
+"""Plans one after the other: from standing and on the way, what is too late or too short, arrival and its reasons."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import pytest
+
+from models.errors import CommandError
+from models.robot_model import RobotModel
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, side_of
+from planners.gait.planner import GaitPlanner
+from planners.gait.route import Footstep
+from planners.gait.tread import Tread
+from planners.terrain.ground_route import Answer, GroundRoute, Request
+from tests.support import standing
+
+G1 = RobotModel.load("g1")
+DT, LOOK = 0.01, 1.0
+LINE = Foothold(0.0, 0.0, 0.0)
+
+
+class Walked:
+    """A gait whose feet stand where they are, and the route that commands it."""
+
+    def __init__(self, distance: float = 3.0) -> None:
+        self.gait, self.t = GaitPlanner(G1), 0.0
+        self.gait.reset(standing(G1))
+        self.route = GroundRoute(self.gait, self.gait, look=LOOK)
+        self.route.begin(LINE, distance)
+
+    def wait(self, limit: float = 3.0) -> Request:
+        """Tick until the next request."""
+        end = self.t + limit
+        while self.t < end:
+            self.t += DT
+            self.gait.step(standing(G1, self.t), DT)
+            if (request := self.route.request(self.t)) is not None:
+                return request
+        raise AssertionError("no request")
+
+
+def ahead(count: int, first: int = LEFT, x: float = 0.1) -> tuple[Footstep, ...]:
+    """Steps on known ground, each 0.1 m farther, the last two side by side."""
+    feet = [first if i % 2 == 0 else 1 - first for i in range(count)]
+    ways = [x + 0.1 * i for i in range(count - 1)]
+    return tuple(
+        Footstep(foot, Foothold(way, side_of(foot) * 0.1, 0.0), Tread())
+        for foot, way in zip(feet, [*ways, ways[-1]], strict=True)
+    )
+
+
+def test_the_first_plan_is_made_after_a_look_from_the_soles_of_a_standing_robot() -> None:
+    walked = Walked()
+    request = walked.wait()
+    assert walked.t >= LOOK and request.after is None and request.query.foot is None
+    assert request.query.feet == walked.gait.footholds and request.query.distance == pytest.approx(2.0, abs=0.1)
+    assert walked.route.request(walked.t) is None  # once
+    walked.route.answer(Answer(request.number + 1, ahead(4)))
+    assert not walked.gait.route.left  # of another request
+    walked.route.answer(Answer(request.number, ahead(4), "the ground ahead is not known"))
+    assert walked.gait.route.left == 4 and walked.route.active
+
+
+def started(steps: Sequence[Footstep] = ahead(5)) -> tuple[Walked, Request]:
+    """On the way: its route stands at a request that follows a touchdown."""
+    walked = Walked()
+    walked.route.answer(Answer(walked.wait().number, tuple(steps), "the ground ahead is not known"))
+    gait = walked.gait
+    assert walked.route.request(walked.t) is None  # before a touchdown
+    gait.state.steps = 1
+    gait.state.stance = steps[0].foot
+    gait.state.command = gait._commands.landed(gait.state.command, gait.footholds)
+    request = walked.route.request(walked.t)
+    assert request is not None
+    return walked, request
+
+
+def test_after_a_touchdown_the_plan_begins_three_footsteps_later_and_replaces_what_follows() -> None:
+    walked, request = started()
+    steps = ahead(5)
+    assert request.after == 4 and request.query.foot == steps[4].foot
+    for foot in (LEFT, RIGHT):
+        last = [step for step in steps[:4] if step.foot == foot][-1].hold
+        assert (request.query.feet[foot].x, request.query.feet[foot].y) == (last.x, last.y)
+    more = ahead(4, first=steps[4].foot, x=0.5)
+    walked.route.answer(Answer(request.number, more, "the ground ahead is not known"))
+    left = walked.gait.route.steps
+    assert len(left) == 7 and all(a.foot != b.foot for a, b in pairwise(left))
+    assert [step.hold.x for step in left] == pytest.approx([0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.7])
+
+
+@pytest.mark.parametrize("case", ["late", "short", "none"])
+def test_a_plan_on_the_way_that_does_not_help_is_left_out(case: str) -> None:
+    walked, request = started()
+    before = walked.gait.route.steps
+    if case == "late":
+        walked.gait.state.steps = 3  # only the foot in the air is left before it begins
+    x = 0.1 if case == "short" else 0.5
+    walked.route.answer(Answer(request.number, () if case == "none" else ahead(3, first=LEFT, x=x), "a wall"))
+    assert walked.gait.route.steps == before and walked.route.active
+
+
+def test_footsteps_go_on_from_a_touchdown_of_a_route_only() -> None:
+    walked, _ = started()
+    gait = walked.gait
+    for after in (1, 6):
+        with pytest.raises(CommandError, match=f"begin after touchdown {after}, the route has touchdowns 2 to 5"):
+            gait.take_steps(ahead(2), after)
+    with pytest.raises(CommandError, match="the foot that steps just before"):
+        gait.take_steps(ahead(2, first=RIGHT, x=0.5), 4)
+
+
+def test_the_walk_ends_with_the_reason_of_the_last_plan_and_where_no_plan_comes() -> None:
+    walked = Walked()
+    walked.route.answer(Answer(walked.wait().number, (), "the ground ahead is 0.30 m higher"))
+    assert not walked.route.active and walked.route.outcome == "the ground ahead is 0.30 m higher"
+    walked.route.begin(LINE, 0.04)  # it is there
+    with pytest.raises(AssertionError):
+        walked.wait(0.5)
+    assert walked.route.outcome == "done"
+    walked.route.begin(LINE, 3.0)
+    walked.wait()
+    with pytest.raises(AssertionError):
+        walked.wait(6.0)
+    assert walked.route.outcome.startswith("no plan came for 5 s")
