@@ -83,7 +83,7 @@ def climb(robot: str, seed: int, scenario: str) -> Case:
     ended = ""
     start, x, gait = loop.t, float(loop.truth.q[0]), loop.gait
     if flight.seen:
-        route = _walk_on_sight(loop, way + _BEYOND - float(loop.truth.q[0]))
+        route = walk_on_sight(loop, way + _BEYOND - float(loop.truth.q[0]))
         ended = route.outcome or f"under way after {config.limit:g} s"
     else:
         loop.run(0.2)
@@ -120,7 +120,7 @@ def _take(loop: ClosedLoop, steps: Sequence[Footstep]) -> None:
         loop.run(0.1)
 
 
-def _walk_on_sight(loop: ClosedLoop, distance: float) -> GroundRoute:
+def walk_on_sight(loop: ClosedLoop, distance: float) -> GroundRoute:
     """Walk straight ahead on the ground that the robot maps, over a distance [m]; or until it falls or is stuck."""
     planner, route, config = GroundPlanner(loop.robot, loop.gait.config), GroundRoute(loop.gait, loop.gait), _config()
     loop.run(_PERIOD)

@@ -38,9 +38,15 @@ LABELS = {
     "tick_us_p50": ("whole-body tick, p50", 1e-3, "ms"),
     "tick_us_p99": ("whole-body tick, p99", 1e-3, "ms"),
     "missed_percent": ("clock periods without a tick: time waited", 1.0, "%"),
+    "map_rmse_m": ("map under a sole before it lands, RMSE", 1e3, "mm"),
+    "map_known": ("... share of it that was known", 1e2, "%"),
+    "foothold_error_max_m": ("sole from its planned foothold, largest", 1e2, "cm"),
+    "light_to_foothold_s_median": ("light to foothold, median, time of the robot", 1e3, "ms"),
+    "light_to_foothold_s_max": ("light to foothold, largest", 1e3, "ms"),
     "real_time_factor": ("simulated over real time", 1.0, ""),
 }
 
+CPU = "cpu_"  #: Beginning of the figures of processor time over that of the robot, by process
 SLOW = 0.9  #: Simulated over real time below which the report says why
 
 
@@ -135,6 +141,8 @@ def print_report(
         table = Table("figure", Column("value", justify="right"), title=title, title_justify="left")
         for name, value in figures.items():
             label, factor, unit = LABELS.get(name, (name, 1.0, ""))
+            if name.startswith(CPU):
+                label, factor, unit = f"processor, {name.removeprefix(CPU)}", 1e2, "% of a core at real time"
             table.add_row(label, f"{factor * value:.3g} {unit}".strip() if math.isfinite(value) else "-")
         console.print(table)
 

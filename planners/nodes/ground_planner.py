@@ -61,22 +61,24 @@ class GroundPlannerNode(PoiseNode):
     def _on_request(self, message: Any) -> None:
         request = decode(Request, message)
         begin = time.monotonic()
-        ground = self._ground(request.stamp)
-        if ground is None:
+        found = self._ground(request.stamp)
+        if found is None:
             answer = Answer(request.number, reason="no map of the ground", blind=True)
         else:
+            ground, stamp = found
             steps, reason = ([], "") if request.watch else self._law.plan(ground, request.query)
-            answer = Answer(request.number, tuple(steps), reason, self._law.level(ground, request.query))
+            level = self._law.level(ground, request.query)
+            answer = Answer(request.number, tuple(steps), reason, level, stamp=stamp)
         self._plans, self._took = self._plans + 1, time.monotonic() - begin
         self._answers.publish(encode(answer))
 
-    def _ground(self, stamp: float) -> Heights | None:
-        """The newest map; None when it is older than ``map_age_max`` at a stamp [s]."""
+    def _ground(self, stamp: float) -> tuple[Heights, float] | None:
+        """The newest map and its stamp [s]; None when it is older than ``map_age_max`` at a stamp [s]."""
         if self._map is None:
             return None
         message = deserialize_message(self._map, self._kind)
-        age = stamp - to_seconds(stamp_ns(message.header.stamp))
-        return ground_from_message(message) if age <= self._age_max else None
+        seen = to_seconds(stamp_ns(message.header.stamp))
+        return (ground_from_message(message), seen) if stamp - seen <= self._age_max else None
 
     def before_diagnostics(self) -> None:
         if not self.active:

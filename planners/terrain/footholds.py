@@ -30,8 +30,8 @@ _LEVEL = (
 )
 _ROOM = (0.06, 0.30)  #: Ways along and across by which a sole may move on its ground that are looked for [m]
 _SAME = 0.01  #: Difference of height between neighbours of a lattice on the same ground [m]
-_COMFORT = 0.02  #: Such a way from which on an edge does not matter [m]
-_WALL = 0.10  #: Distance ahead or behind of a sole from which on higher ground does not matter [m]
+_COMFORT = 0.01  #: Such a way from which on an edge does not matter [m]
+_WALL = 0.08  #: Distance ahead or behind of a sole from which on higher ground does not matter [m]
 _INSIDE = 0.01  #: A step is planned so far inside the reach [m]
 _STANCE = 0.08  #: Difference from the nominal stance in which a plan may end [m]
 _DEPTH = 40  #: Footsteps of a plan at most
@@ -45,12 +45,12 @@ class Costs(NamedTuple):
     """Costs of a plan; each step costs 1."""
 
     left: float = 6.0  #: Of every stride of the distance that is left at its end
-    long: float = 30.0  #: Of the square of what a step is longer than the stride, or its swing than two [1/m^2]
+    long: float = 60.0  #: Of the square of what a step, with its rise, is longer than the stride, or its swing than two
     crouch: float = 200.0  #: Of the square of how much lower the body is between both soles [1/m^2]
     edge: float = 0.6  #: Of a sole beside an edge
-    wall: float = 2.0  #: Of a sole that touches higher ground ahead or behind, which shin and heel may hit
-    line: float = 100.0  #: Of the square of a sole's distance from its nominal place beside the line [1/m^2]
-    width: float = 100.0  #: Of the square of the difference from the nominal width between the feet [1/m^2]
+    wall: float = 4.0  #: Of the squared share by which higher ground ahead or behind, for shin or heel, is too near
+    line: float = 400.0  #: Of the square of a sole's distance from its nominal place beside the line [1/m^2]
+    width: float = 300.0  #: Of the square of the difference from the nominal width between the feet [1/m^2]
 
 
 class GroundQuery(Struct, frozen=True):
@@ -414,14 +414,15 @@ def _expand(
                     continue
                 if abs(rise) > limits.rise or (abs(rise) > limits.level and (apart or not together)):
                     continue
-                longer, farther = max(ahead - limits.stride, 0.0), max(swing - 2.0 * limits.stride, 0.0)
+                longer = max(ahead + abs(rise) - limits.stride, 0.0)
+                farther = max(swing - 2.0 * limits.stride, 0.0)
                 off, wider = sides[j] - 0.5 * side * limits.width, out - limits.width
                 value = begun.cost[n] + 1.0 + costs.long * (longer * longer + farther * farther)
                 square = 0.25 * (ahead * ahead + wider * wider)
                 crouch = limits.leg - leg_height(square, limits.leg) + 0.5 * abs(rise)
                 value += costs.crouch * crouch * crouch
                 if survey.fits[i, j] == 1:
-                    value += costs.wall * survey.wall[i, j]
+                    value += costs.wall * survey.wall[i, j] * survey.wall[i, j]
                 value += costs.edge * max(limits.comfort - room, 0.0) / limits.comfort
                 value += costs.line * off * off + costs.width * wider * wider
                 if value < best[n, i]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -13,8 +14,8 @@ from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep
 from planners.terrain.footholds import GroundQuery
 
-_KEPT = 3  #: Footsteps that a plan during the walk does not change when it is requested
-_KEPT_MIN = 2  #: And when it comes: the DCM of the step under way depends on the next ones by exp(-omega t)
+_KEPT = 2  #: Footsteps that a plan on the way does not change: the DCM under way depends on the next by exp(-omega t)
+_NEAR = 0.06  #: Change of a foothold with which one footstep less is kept: the plan came after another touchdown [m]
 _ARRIVED = 0.05  #: From the end of the way, where the walk is over [m]
 _BACK = 0.03  #: By which a plan may end before the one that it replaces [m]
 _HORIZON = 2.0  #: How far ahead of the feet is planned at most [m]
@@ -45,6 +46,7 @@ class Answer(Struct, frozen=True):
     reason: str = ""  # why the steps end before the end of the way; empty when they do not
     level: bool = False  # the whole way is on the level of the feet, as far as it is known
     blind: bool = False  # no map of the ground is there
+    stamp: float = 0.0  # of the newest light in the map [s]
 
 
 class GroundRoute:
@@ -79,7 +81,6 @@ class GroundRoute:
         self.outcome, self.plans = "", 0
         self._pending, self._asked = None, self._gait.steps
         self._standing: float | None = None
-        self._complete = False
 
     def end(self, reason: str) -> None:
         """Ask for no more plans; the footsteps under way are not affected."""
@@ -96,11 +97,11 @@ class GroundRoute:
         gait = self._gait
         if gait.route.left:
             self._standing = None
-            if self._complete or gait.steps == self._asked or gait.route.left < _KEPT_MIN:
+            if gait.steps == self._asked or gait.route.left < _KEPT:
                 return None
-            self._asked, kept = gait.steps, min(_KEPT, gait.route.left)
-            feet, foot = gait.soles_after(kept), 1 - gait.route.steps[kept - 1].foot
-            return self._ask(t, GroundQuery(self._line, self._reach(feet), feet, foot), gait.steps + kept)
+            self._asked = gait.steps
+            feet, foot = gait.soles_after(_KEPT), 1 - gait.route.steps[_KEPT - 1].foot
+            return self._ask(t, GroundQuery(self._line, self._reach(feet), feet, foot), gait.steps + _KEPT)
         if not gait.settled:
             return None
         if self.plans and gait.route.outcome not in ("", "done"):
@@ -134,8 +135,8 @@ class GroundRoute:
                 self.end(str(error))
             return
         self.plans += 1
-        self._asked, self._standing = self._gait.steps, None
-        self._complete = not answer.reason and request.query.distance == self._distance
+        if request.after is None:
+            self._asked, self._standing = self._gait.steps, None
 
     def _ask(self, t: float, query: GroundQuery, after: int | None = None) -> Request:
         self._number += 1
@@ -152,9 +153,13 @@ class GroundRoute:
 
     def _helps(self, after: int, steps: Sequence[Footstep]) -> bool:
         """Whether steps after a touchdown are in time, and go as far as those that they replace."""
-        gait = self._gait
-        in_time = _KEPT_MIN <= after - gait.steps <= gait.route.left
-        return in_time and self._end_of(steps) >= self._end_of(gait.route.steps) - _BACK
+        route, kept = self._gait.route, after - self._gait.steps
+        if not 1 <= kept <= route.left or self._end_of(steps) < self._end_of(route.steps) - _BACK:
+            return False
+        if kept >= _KEPT:
+            return True
+        old, new = route.steps[kept : kept + 1], steps[0].hold
+        return bool(old) and math.hypot(new.x - old[0].hold.x, new.y - old[0].hold.y) <= _NEAR
 
     def _end_of(self, steps: Sequence[Footstep]) -> float:
         """How far ahead the last two steps end [m]."""

@@ -1,10 +1,12 @@
 """Known stairs in the loop, without eyes. Estimator on, sensor noise on, 2 ms delay."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from benchmarks.stability.stairs import walk_on_sight
 from bridge.closed_loop import ClosedLoop
 from models.terrain import Terrain
 from planners.gait.footsteps import middle
@@ -60,3 +62,34 @@ def test_stopped_on_the_way_up_it_lands_on_the_tread_and_stands_there() -> None:
     assert loop.gait.route.outcome == "stopped"
     for sole in loop.data.site_xpos[list(loop.plant.mujoco.sole_sites)]:
         assert sole[2] == pytest.approx(RISE, abs=0.01)
+
+
+def seeing(rise: float, seed: int, **terrain: Any) -> ClosedLoop:
+    """A robot that maps the stairs a metre ahead of it."""
+    ground = Terrain(kind="stairs", height=rise, size=TREAD, patch=1.0, **terrain)
+    loop = ClosedLoop("g1", seed=seed, terrain=ground, terrain_map=True)
+    assert loop.command("walk").accepted
+    return loop
+
+
+def test_it_climbs_and_descends_what_it_sees_without_a_stop() -> None:
+    loop = seeing(0.15, 21, count=2, landing=0.6)
+    base, begin = float(loop.truth.q[2]), loop.t
+    way = 1.0 + 2 * TREAD + 0.6
+    route = walk_on_sight(loop, way + 0.4)
+    assert route.outcome == "done" and not loop.fallen
+    assert loop.truth.q[0] > way and loop.truth.q[2] == pytest.approx(base, abs=0.03)
+    assert route.plans > 8  # most of them on the way
+    steps = loop.gait.steps
+    assert loop.t - begin < 3.0 + 0.75 * steps  # it looked once, and was at rest at the beginning and the end only
+
+
+def test_in_front_of_a_riser_that_is_too_high_it_stands_and_says_so() -> None:
+    loop = seeing(0.3, 22, count=1)
+    route = walk_on_sight(loop, 3.0)
+    assert "m higher, at most 0.20 m" in route.outcome
+    assert not loop.fallen and loop.gait.settled
+    soles = [float(loop.data.site_xpos[site][0]) for site in loop.plant.mujoco.sole_sites]
+    toe = loop.robot.feet[0].rectangle[1]
+    assert 0.6 < max(soles) + toe < 1.0 - loop.gait.config.swing.edge + 0.02
+    assert abs(soles[0] - soles[1]) < 0.06

@@ -124,13 +124,17 @@ def test_on_stones_it_comes_back_to_its_line_and_ends_side_by_side(mapper: Terra
 
 
 def test_soles_keep_away_from_the_riser_that_shin_or_heel_may_meet(mapper: TerrainMapper) -> None:
+    """And steps down are no longer than a tread: farther ones take the rear ankle to its stop."""
     for sign in (1.0, -1.0):
         steps, _ = plan_on(mapper, lambda x, _, s=sign: s * 0.15 * max(math.floor((x - 0.4) / 0.3) + 1, 0))
         on_treads = [(step.hold.x - 0.4) % 0.3 for step in steps if 0.4 < step.hold.x < 1.0]
         for place in on_treads:
-            wall, free = (0.3 - place - X_MAX, place + X_MIN) if sign > 0.0 else (place + X_MIN, 0.3 - place - X_MAX)
-            assert wall > free > 0.025
+            wall = 0.3 - place - X_MAX if sign > 0.0 else place + X_MIN
+            assert wall > 0.045 and 0.13 - wall > GAIT.swing.edge
         assert len(on_treads) >= 4
+        for before, after in pairwise(steps):
+            if abs(after.hold.z - before.hold.z) > 0.1:
+                assert after.hold.x - before.hold.x <= 0.3
 
 
 def test_what_is_level_is_known_and_needs_no_plan(mapper: TerrainMapper) -> None:

@@ -75,18 +75,29 @@ def started(steps: Sequence[Footstep] = ahead(5)) -> tuple[Walked, Request]:
     return walked, request
 
 
-def test_after_a_touchdown_the_plan_begins_three_footsteps_later_and_replaces_what_follows() -> None:
+def test_after_a_touchdown_the_plan_begins_two_footsteps_later_and_replaces_what_follows() -> None:
     walked, request = started()
     steps = ahead(5)
-    assert request.after == 4 and request.query.foot == steps[4].foot
+    assert request.after == 3 and request.query.foot == steps[3].foot
     for foot in (LEFT, RIGHT):
-        last = [step for step in steps[:4] if step.foot == foot][-1].hold
+        last = [step for step in steps[:3] if step.foot == foot][-1].hold
         assert (request.query.feet[foot].x, request.query.feet[foot].y) == (last.x, last.y)
-    more = ahead(4, first=steps[4].foot, x=0.5)
+    more = ahead(4, first=steps[3].foot, x=0.4)
     walked.route.answer(Answer(request.number, more, "the ground ahead is not known"))
     left = walked.gait.route.steps
-    assert len(left) == 7 and all(a.foot != b.foot for a, b in pairwise(left))
-    assert [step.hold.x for step in left] == pytest.approx([0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.7])
+    assert len(left) == 6 and all(a.foot != b.foot for a, b in pairwise(left))
+    assert [step.hold.x for step in left] == pytest.approx([0.2, 0.3, 0.4, 0.5, 0.6, 0.6])
+
+
+@pytest.mark.parametrize("moved", [0.04, 0.15])
+def test_after_one_more_touchdown_a_plan_may_correct_its_first_foothold_but_not_change_it(moved: float) -> None:
+    walked, request = started()
+    walked.gait.state.steps = 2
+    walked.gait.state.command = walked.gait._commands.landed(walked.gait.state.command, walked.gait.footholds)
+    before = walked.gait.route.steps
+    walked.route.answer(Answer(request.number, ahead(4, first=before[1].foot, x=0.4 + moved), "a wall"))
+    assert (walked.gait.route.steps != before) is (moved < 0.06)
+    assert walked.route.request(walked.t) is not None  # for the touchdown meanwhile
 
 
 @pytest.mark.parametrize("case", ["late", "short", "none"])
@@ -94,9 +105,9 @@ def test_a_plan_on_the_way_that_does_not_help_is_left_out(case: str) -> None:
     walked, request = started()
     before = walked.gait.route.steps
     if case == "late":
-        walked.gait.state.steps = 3  # only the foot in the air is left before it begins
+        walked.gait.state.steps = 3  # it begins with the foot in the air
     x = 0.1 if case == "short" else 0.5
-    walked.route.answer(Answer(request.number, () if case == "none" else ahead(3, first=LEFT, x=x), "a wall"))
+    walked.route.answer(Answer(request.number, () if case == "none" else ahead(3, first=RIGHT, x=x), "a wall"))
     assert walked.gait.route.steps == before and walked.route.active
 
 

@@ -1,0 +1,231 @@
+"""Walks on the map: level ground, what is not, what cannot be stepped on; and the node that plans."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped, Twist
+from std_msgs.msg import Empty, String, UInt8MultiArray
+
+from models.errors import MessageError
+from models.nodes import topics
+from models.nodes.grid_map import grid_map_message, grid_map_type
+from models.nodes.odometry import velocity_to_twist
+from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
+from models.nodes.status import subscribe_status
+from models.robot_model import RobotModel
+from models.status import GaitStatus, RouteState, RouteStatus
+from models.types import RobotState
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, side_of
+from planners.gait.route import Footstep, soles_at
+from planners.gait.tread import Tread
+from planners.nodes.footstep_messages import pose_message
+from planners.nodes.gait_link import decode, encode
+from planners.nodes.gait_planner import GaitPlannerNode
+from planners.nodes.ground_planner import GroundPlannerNode
+from planners.terrain.footholds import GroundQuery
+from planners.terrain.ground_route import Answer, Request
+from tests.ros.nodes.test_gait_planner_node import GaitOnly
+from tests.support import standing
+
+pytestmark = pytest.mark.ros
+
+MS = 1_000_000
+WALL = "the ground ahead is 0.30 m higher, at most 0.20 m"
+
+
+class Guided:
+    """A gait planner whose robot stands on the spot, and a ground planner that answers as the test says."""
+
+    def __init__(self, bench: Any, g1: RobotModel, *, planner: bool = True) -> None:
+        self.bench, self.model, self.stamp = bench, g1, 10**9
+        world = bench.world
+        self.requests: list[Request] = []
+        self.routes: list[RouteStatus] = []
+        self.limits: list[str] = []
+        self.repeated: float | None = None
+        self.stack = GaitOnly()
+        self.node = bench.add(lambda **kwargs: GaitPlannerNode(self.stack, **kwargs))
+        self.mode = world.create_publisher(String, topics.MODE, LATCHED)
+        self.goal = world.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
+        self.velocity = world.create_publisher(Twist, topics.GAIT_VELOCITY, COMMAND)
+        self.halt = world.create_publisher(Empty, topics.GAIT_STOP, EVENT)
+        self.plans = world.create_publisher(UInt8MultiArray, topics.GROUND_PLAN, EVENT)
+        subscribe_status(world, RouteStatus, topics.ROUTE_STATUS, self.routes.append)
+        subscribe_status(
+            world, GaitStatus, topics.GAIT_STATUS, lambda status: self.limits.append(status.limited), LATCHED
+        )
+        if planner:
+            world.create_subscription(
+                UInt8MultiArray, topics.GROUND_REQUEST, lambda m: self.requests.append(decode(Request, m)), EVENT
+            )
+        for publisher in (self.mode, self.goal, self.velocity, self.halt, self.plans):
+            bench.wait(lambda publisher=publisher: publisher.get_subscription_count() >= 1)
+        if planner:
+            bench.wait(lambda: self.node._ground._requests.get_subscription_count())
+        self.node.publish(self.stamp)
+        self.mode.publish(String(data="walk"))
+        bench.wait(lambda: self.node._mode == "walk")
+        self.stack.gait.reset(self.state)
+        self.stack.walking = True
+        self.tick(1)
+
+    @property
+    def state(self) -> RobotState:
+        return standing(self.model, 1e-9 * self.stamp)
+
+    @property
+    def left(self) -> int:
+        """Footsteps that the gait has been given."""
+        count: int = self.stack.gait.route.left
+        return count
+
+    def tick(self, ms: int) -> None:
+        """Let time pass, in one tick."""
+        self.stamp += ms * MS
+        self.node.before_tick(self.state.t)
+        self.stack.set_state(self.state)
+        if (held := self.stack.snapshot.held) is not None:
+            self.stack.gait.set_velocity(*held)
+        self.stack.gait.step(self.state, 1e-3 * ms)
+        self.node.publish(self.stamp)
+
+    def until(self, condition: Callable[[], object]) -> None:
+        """Tick until something happens, while the velocity is repeated."""
+        for _ in range(400):
+            if condition():
+                return
+            if self.repeated is not None:  # as the supervisor does
+                self.velocity.publish(velocity_to_twist((self.repeated, 0.0, 0.0)))
+            self.tick(10)
+            self.bench.spin(0.002)
+        raise AssertionError("it did not happen in time")
+
+    def ask(self) -> Request:
+        """The next request."""
+        self.until(lambda: self.requests)
+        return self.requests.pop(0)
+
+    def send(self, answer: Answer) -> None:
+        """Answer, and wait until the answer has been read."""
+        self.plans.publish(encode(answer))
+        self.bench.spin(0.2)
+
+    def go(self, x: float) -> None:
+        self.goal.publish(pose_message(Foothold(x, 0.0, 0.0), topics.ODOM_FRAME))
+        self.bench.wait(lambda: self.routes)
+
+    def drive(self, forward: float) -> None:
+        self.repeated = forward
+        self.velocity.publish(velocity_to_twist((forward, 0.0, 0.0)))
+        self.bench.wait(lambda: self.node._command.velocity[0] == forward)
+
+
+def steps(x: float) -> tuple[Footstep, ...]:
+    """Onto a tread of 15 cm."""
+    return tuple(Footstep(foot, Foothold(x, side_of(foot) * 0.1, 0.0, 0.15), Tread()) for foot in (LEFT, RIGHT))
+
+
+def test_without_a_ground_planner_a_goal_is_walked_to_at_once(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1, planner=False)
+    robot.go(1.0)
+    assert robot.left > 5 and robot.routes[-1].state is RouteState.RUNNING
+
+
+@pytest.mark.parametrize("answer", [{"level": True}, {"blind": True}, None])
+def test_on_level_ground_and_where_no_map_is_known_it_walks_as_without_one(
+    bench: Any, g1: RobotModel, answer: dict[str, bool] | None
+) -> None:
+    robot = Guided(bench, g1)
+    robot.go(1.0)
+    request = robot.ask()
+    assert request.watch and request.query.distance == pytest.approx(0.6, abs=0.05) and not robot.left
+    if answer is None:  # the ground planner is silent
+        robot.until(lambda: robot.left)
+    else:
+        robot.send(Answer(request.number, **answer))
+    assert robot.left > 5
+
+
+def test_to_a_goal_beyond_stairs_it_follows_plans_and_says_what_ends_them(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
+    robot.go(2.0)
+    robot.send(Answer(robot.ask().number))
+    request = robot.ask()
+    assert not request.watch and request.after is None and not robot.left
+    assert request.query.distance == pytest.approx(2.0, abs=0.1)
+    robot.send(Answer(request.number, steps(0.3), WALL))
+    assert robot.left == 2 and robot.routes[-1].state is RouteState.RUNNING
+    robot.stack.gait.end_route("done")  # both were taken
+    robot.send(Answer(robot.ask().number, (), WALL))
+    robot.until(lambda: robot.routes[-1].state is RouteState.ENDED)
+    assert robot.routes[-1].reason == WALL
+
+
+def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_changes(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
+    robot.drive(0.3)
+    request = robot.ask()
+    assert request.watch and request.query.distance == pytest.approx(0.9, abs=0.05)
+    assert robot.stack.gait.state.command.moves
+    robot.send(Answer(request.number))
+    robot.tick(1)
+    assert not robot.stack.gait.state.command.moves
+    robot.stack.gait.reset(robot.state)  # it has stopped
+    robot.until(lambda: [request for request in robot.requests if not request.watch])
+    robot.send(Answer(robot.requests[-1].number, (), WALL))
+    robot.until(lambda: robot.limits and robot.limits[-1] == f"stopped: {WALL}")
+    robot.tick(1)
+    assert not robot.stack.gait.state.command.moves
+    robot.drive(0.0)
+    robot.until(lambda: robot.limits[-1] == "")
+    robot.drive(0.2)
+    robot.tick(1)
+    assert robot.stack.gait.state.command.moves
+
+
+def test_stop_ends_a_plan(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
+    robot.go(2.0)
+    robot.send(Answer(robot.ask().number))
+    robot.send(Answer(robot.ask().number, steps(0.3), WALL))
+    robot.halt.publish(Empty())
+    robot.until(lambda: robot.routes[-1].state is RouteState.ENDED)
+    assert robot.routes[-1].reason == "stopped" and not robot.left
+
+
+def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotModel) -> None:
+    try:
+        kind = grid_map_type()
+    except MessageError as error:
+        pytest.skip(str(error))
+    node, world = bench.add(GroundPlannerNode), bench.world
+    answers: list[Answer] = []
+    world.create_subscription(UInt8MultiArray, topics.GROUND_PLAN, lambda m: answers.append(decode(Answer, m)), EVENT)
+    requests = world.create_publisher(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
+    maps = world.create_publisher(kind, topics.TERRAIN_MAP, STATE)
+    bench.wait(lambda: requests.get_subscription_count() and maps.get_subscription_count())
+    query = GroundQuery(Foothold(0.0, 0.0, 0.0), 1.2, soles_at(Foothold(0.0, 0.0, 0.0), 0.2))
+
+    def ask(number: int, stamp: float, *, watch: bool = False) -> Answer:
+        requests.publish(encode(Request(number, query, None, stamp, watch)))
+        bench.wait(lambda: answers and answers[-1].number == number)
+        return answers[-1]
+
+    assert ask(1, 5.0).blind
+    x = 0.02 * np.arange(-75, 75) + 0.01
+    riser = np.where(x > 0.7, 0.15, 0.0)
+    heights = np.repeat(riser[:, None], 150, axis=1)
+    maps.publish(grid_map_message(5000 * MS, np.zeros(2), 0.02, {"elevation": heights}, "elevation"))
+    bench.wait(lambda: node._map is not None)
+    plan = ask(2, 5.1)
+    assert not plan.level and not plan.blind and plan.reason == ""
+    assert plan.steps[-1].hold.z == pytest.approx(0.15, abs=1e-3) and plan.steps[-1].hold.x > 0.75
+    watched = ask(3, 5.1, watch=True)
+    assert not watched.level and watched.steps == ()
+    assert ask(4, 7.0).blind  # the mapper is gone
+    requests.publish(UInt8MultiArray(data=[1, 2, 3]))
+    bench.wait(lambda: node.counters[f"refused {topics.GROUND_REQUEST}"] == 1)
+    assert math.isfinite(node._took)
