@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
@@ -14,36 +14,14 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.qos import EVENT
 from models.nodes.services import offer_own
-from models.robot_model import RobotModel
 from models.status import RouteState, RouteStatus
 from planners.gait.commands import VelocityCommand
-from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep, plan_to_pose, soles_at, touchdown_times
 from planners.nodes.footstep_messages import footstep_message, goal_from_message, path_from_steps, steps_from_path
+from planners.nodes.gait_link import GaitStage
 from planners.nodes.ground_walk import GroundWalk
-
-
-class GaitStage(Protocol):
-    """Gait of the control stack, in this process or another one."""
-
-    walking: bool
-
-    def build_gait(self, robot: RobotModel, config: GaitConfig) -> GaitPlanner:
-        """Build the gait planner, or replace it."""
-
-    def hold_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Repeat a velocity [m/s, m/s, rad/s] at every tick from now on."""
-
-    def stop(self) -> None:
-        """Come to a standstill."""
-
-    def walk_to(self, goal: Foothold) -> None:
-        """Walk to a pose."""
-
-    def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
-        """Take footsteps; see ``GaitPlanner.take_steps``."""
 
 
 class RouteTopics:

@@ -8,7 +8,7 @@ import math
 import zlib
 from array import array
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar, get_origin
+from typing import Any, Protocol, TypeVar, get_origin
 
 import numpy as np
 from msgspec import MsgspecError, Struct, msgpack
@@ -109,6 +109,27 @@ def declare_gait(node: PoiseNode, prefix: str = "") -> GaitConfig:
 def checksum(config: GaitConfig) -> int:
     """Number that two configurations share when all their values are the same."""
     return zlib.crc32(repr(config).encode())
+
+
+class GaitStage(Protocol):
+    """Gait of the control stack, in this process or another one."""
+
+    walking: bool
+
+    def build_gait(self, robot: RobotModel, config: GaitConfig) -> GaitPlanner:
+        """Build the gait planner, or replace it."""
+
+    def hold_velocity(self, forward: float, left: float, turn: float) -> None:
+        """Repeat a velocity [m/s, m/s, rad/s] at every tick from now on."""
+
+    def stop(self) -> None:
+        """Come to a standstill."""
+
+    def walk_to(self, goal: Foothold) -> None:
+        """Walk to a pose."""
+
+    def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
+        """Take footsteps; see ``GaitPlanner.take_steps``."""
 
 
 class RemoteGait:

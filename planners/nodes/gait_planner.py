@@ -27,8 +27,8 @@ from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep
 from planners.gait.state import GaitView, capture_margin, coming_steps
 from planners.nodes.footstep_messages import path_from_steps
-from planners.nodes.gait_commands import GaitStage, RouteTopics
-from planners.nodes.gait_link import RemoteGait, declare_gait
+from planners.nodes.gait_commands import RouteTopics
+from planners.nodes.gait_link import GaitStage, RemoteGait, declare_gait
 from planners.nodes.ground_walk import GroundWalk
 
 TAKEN_MAX = 20  #: Length of ``gait/footsteps_taken``

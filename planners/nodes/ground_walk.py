@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from enum import Enum, auto
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from std_msgs.msg import UInt8MultiArray
 
@@ -16,12 +16,9 @@ from models.types import STILL, Velocity
 from planners.gait.footsteps import Foothold, middle, wrap
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import plan_to_pose
-from planners.nodes.gait_link import decode, encode
+from planners.nodes.gait_link import GaitStage, decode, encode
 from planners.terrain.footholds import GroundQuery
 from planners.terrain.ground_route import Answer, GroundRoute, Request
-
-if TYPE_CHECKING:
-    from planners.nodes.gait_commands import GaitStage
 
 _AHEAD = 0.6  #: How far ahead of the feet the ground is watched at least [m]
 _TIME = 1.0  #: And how far in time, at the commanded velocity [s]

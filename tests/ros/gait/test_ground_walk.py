@@ -27,7 +27,7 @@ from planners.nodes.gait_planner import GaitPlannerNode
 from planners.nodes.ground_planner import GroundPlannerNode
 from planners.terrain.footholds import GroundQuery
 from planners.terrain.ground_route import Answer, Request
-from tests.ros.nodes.test_gait_planner_node import GaitOnly
+from tests.ros.gait.test_gait_planner_node import GaitOnly
 from tests.support import standing
 
 pytestmark = pytest.mark.ros
