@@ -16,7 +16,7 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, RIGHT, Feet, Foothold, rotated
-from planners.gait.route import Footstep, check_footsteps
+from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.tread import Tread, leg_height
 from planners.terrain.elevation_map import Heights
 
@@ -138,6 +138,10 @@ class GroundPlanner:
             _COMFORT,
             config.leg,
         )
+        soles = soles_at(Foothold(0.0, 0.0, 0.0), reach.width)
+        self.plan(
+            Heights(np.zeros((9, 9)), (0.0, 0.0), 0.1), GroundQuery(Foothold(0.0, 0.0, 0.0), 0.1, soles)
+        )  # compile
 
     def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
         """Footsteps from the feet of a query to the end of its way, or as near to it as they get."""
