@@ -19,19 +19,11 @@ from planners.gait.footsteps import LEFT, RIGHT, Feet, Foothold, rotated
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.tread import Tread, leg_height
 from planners.terrain.elevation_map import Heights
+from planners.terrain.survey import BESIDE, GRID, SoleSurvey, Survey
 
-_GRID = (0.01, 0.02)  #: Between two places that are tried, along and across the line [m]
 _ASIDE = 0.30  #: To either side of the line they reach [m]
-_BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
-_POINTS = 0.02  #: Between the points of that ground, at most [m]
-_FLAT = 0.012  #: Largest deviation of that ground from its plane [m]
-_LEVEL = (
-    0.03  #: Difference of height up to which two places are on one level, and of way up to which feet are together [m]
-)
-_ROOM = (0.06, 0.30)  #: Ways along and across by which a sole may move on its ground that are looked for [m]
-_SAME = 0.01  #: Difference of height between neighbours of a lattice on the same ground [m]
-_COMFORT = 0.01  #: Such a way from which on an edge does not matter [m]
-_WALL = 0.08  #: Distance ahead or behind of a sole from which on higher ground does not matter [m]
+_LEVEL = 0.03  #: Difference of height up to which places are on one level, and of way up to which feet are together [m]
+_COMFORT = 0.01  #: Room ahead and back from which on an edge does not matter [m]
 _INSIDE = 0.01  #: A step is planned so far inside the reach [m]
 _STANCE = 0.08  #: Difference from the nominal stance in which a plan may end [m]
 _DEPTH = 40  #: Footsteps of a plan at most
@@ -69,19 +61,6 @@ class GroundPlan(NamedTuple):
     reason: str
 
 
-class _Survey(NamedTuple):
-    """Ground under a sole at each place of a lattice (n, m)."""
-
-    fits: NDArray[np.int8]  #: 1: it lies on a plane; 0: it does not; -1: some of the ground is not known
-    height: Matrix  #: Of that plane in the middle [m]
-    along: Matrix  #: Its slope along the line [-]
-    across: Matrix  #: and across [-]
-    low: Matrix  #: Lowest and
-    high: Matrix  #: highest of what is known [m]
-    room: Matrix  #: By which the sole may move on the same ground: back, forward, right, left (n, m, 4) [m]
-    wall: Matrix  #: Share of ``_WALL`` by which higher ground is nearer [-]
-
-
 class _Limits(NamedTuple):
     """Bounds of a step for compiled code [m]."""
 
@@ -117,13 +96,7 @@ class GroundPlanner:
 
     def __init__(self, robot: RobotModel, config: GaitConfig, stride: float = 0.25, costs: Costs | None = None) -> None:
         self._config, self._costs = config, costs or Costs()
-        x_min, x_max, y_min, y_max = robot.feet[LEFT].rectangle
-        self._sole = x_min, x_max
-        across = np.linspace(y_min - _BESIDE, y_max + _BESIDE, 2 + round((y_max - y_min + 2.0 * _BESIDE) / _POINTS))
-        edge = config.swing.edge
-        along = np.linspace(x_min - edge, x_max + edge, 2 + round((x_max - x_min + 2.0 * edge) / _POINTS))
-        self._points = np.array([(x, y) for x in along for y in across])
-        self._inverse = np.linalg.pinv(np.column_stack([self._points, np.ones(len(self._points))]))
+        self._ground = SoleSurvey(robot, config.swing.edge)
         reach, limits, period = config.reach, config.velocity, config.period
         self._limits = _Limits(
             reach.forward - _INSIDE,
@@ -139,20 +112,19 @@ class GroundPlanner:
             config.leg,
         )
         soles = soles_at(Foothold(0.0, 0.0, 0.0), reach.width)
-        self.plan(
-            Heights(np.zeros((9, 9)), (0.0, 0.0), 0.1), GroundQuery(Foothold(0.0, 0.0, 0.0), 0.1, soles)
-        )  # compile
+        level = Heights(np.zeros((9, 9)), (0.0, 0.0), 0.1)
+        self.plan(level, GroundQuery(Foothold(0.0, 0.0, 0.0), 0.1, soles))  # compile now, not for the first plan
 
     def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
         """Footsteps from the feet of a query to the end of its way, or as near to it as they get."""
         line, first = query.line, [query.line.relative(sole.x, sole.y) for sole in query.feet]
         begin = min(place[0] for place in first)
-        count = max(math.ceil((query.distance - begin) / _GRID[0]), 0) + 1
+        count = max(math.ceil((query.distance - begin) / GRID[0]), 0) + 1
         felt = max(place[0] for place in first) + self._limits.stride
-        ways: Vector = np.asarray(query.distance - _GRID[0] * np.arange(count)[::-1], dtype=np.float64)
-        half = round(_ASIDE / _GRID[1])
-        sides: Vector = np.asarray(_GRID[1] * np.arange(-half, half + 1), dtype=np.float64)
-        survey = self._survey(ground, line, ways, sides)
+        ways: Vector = np.asarray(query.distance - GRID[0] * np.arange(count)[::-1], dtype=np.float64)
+        half = round(_ASIDE / GRID[1])
+        sides: Vector = np.asarray(GRID[1] * np.arange(-half, half + 1), dtype=np.float64)
+        survey = self._ground.survey(ground, line, ways, sides)
         starts = (LEFT, RIGHT) if query.foot is None else (query.foot,)
         at = np.array([[(*place, sole.z) for place, sole in zip(first, query.feet, strict=True)]] * len(starts))
         known = [bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in query.feet]))).any())] * len(starts)
@@ -183,25 +155,13 @@ class GroundPlanner:
 
     def level(self, ground: Heights, query: GroundQuery) -> bool:
         """Whether the ground along the way is known, and level to where the feet walk, so that no plan is needed."""
-        half = 0.5 * self._limits.width + self._points[:, 1].max()
+        half = 0.5 * self._limits.width + self._ground.points[:, 1].max()
         start = min(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
-        ways = np.arange(start, query.distance + self._points[:, 0].max(), ground.cell)
+        ways = np.arange(start, query.distance + self._ground.points[:, 0].max(), ground.cell)
         sides = np.arange(-half, half + 1e-6, ground.cell)
         heights = ground.at(np.array([query.line.moved(way, side) for way in ways.tolist() for side in sides.tolist()]))
         off = np.abs(heights - np.mean([sole.z for sole in query.feet]))
         return int((off > _LEVEL).sum()) < _STRAY
-
-    def _survey(self, ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> _Survey:
-        more = round(_ROOM[0] / _GRID[0])  # places beyond, for the room of the first and last
-        beyond = _GRID[0] * np.arange(1, more + 1)
-        longer = np.concatenate([ways[0] - beyond[::-1], ways, ways[-1] + beyond])
-        at = ground.values, ground.corner, ground.cell, line.pose, longer, sides
-        fits, planes, bounds = _fit_planes(*at, self._points, self._inverse, _FLAT)
-        height = planes[..., 2]
-        wall = _walls(*at, self._sole, fits, planes, _WALL)
-        room = _rooms(fits, height, (more, round(_ROOM[1] / _GRID[1])), _SAME) * np.repeat(_GRID, 2)
-        layers = fits, height, planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room, wall
-        return _Survey(*(np.ascontiguousarray(layer[more:-more]) for layer in layers))
 
     def _end_costs(self, begun: _Begun, distance: float) -> Vector:
         """Costs of plans that end here; infinite where the feet are not side by side."""
@@ -213,7 +173,7 @@ class GroundPlanner:
         return costs
 
     def _next(
-        self, begun: _Begun, ways: Vector, sides: Vector, survey: _Survey, felt: float
+        self, begun: _Begun, ways: Vector, sides: Vector, survey: Survey, felt: float
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], _Begun]:
         """Beginnings that are one step longer: their parents (k,), the places of that step (k,), and themselves."""
         costs, places = _expand(begun, ways, sides, survey, felt, self._limits, self._costs)  # (k, n)
@@ -234,7 +194,7 @@ class GroundPlanner:
         return parents[kept], place[kept], _Begun(at[kept], 1 - foot[kept], seen[kept], cost[kept])
 
     def _footstep(
-        self, line: Foothold, ways: Vector, sides: Vector, survey: _Survey, place: int, after: _Begun, i: int
+        self, line: Foothold, ways: Vector, sides: Vector, survey: Survey, place: int, after: _Begun, i: int
     ) -> Footstep:
         """The step to a place that led to a beginning."""
         foot = int(1 - after.foot[i])
@@ -245,7 +205,7 @@ class GroundPlanner:
             return Footstep(foot, hold)
         back, forward, right, left = survey.room[row, column].tolist()
         slope = rotated(line.yaw, float(survey.along[row, column]), float(survey.across[row, column]))
-        return Footstep(foot, hold, Tread(slope, (back, forward, right + _BESIDE, left + _BESIDE)))
+        return Footstep(foot, hold, Tread(slope, (back, forward, right + BESIDE, left + BESIDE)))
 
     def _checked(self, steps: list[Footstep], feet: Sequence[Foothold]) -> list[Footstep]:
         """The steps, or none where the gait would refuse them: feet that are turned from the line, too steep ground."""
@@ -272,118 +232,8 @@ class GroundPlanner:
 
 
 @njit(cache=True)
-def _fit_planes(
-    heights: Matrix,
-    corner: tuple[float, float],
-    cell: float,
-    pose: tuple[float, float, float],
-    ways: Vector,
-    sides: Vector,
-    points: Matrix,
-    inverse: Matrix,
-    flat: float,
-) -> tuple[NDArray[np.int8], Matrix, Matrix]:
-    """Planes through the ground at points (k, 2) around each place; see ``_Survey``."""
-    shape = len(ways), len(sides)
-    fits, planes, bounds = np.zeros(shape, np.int8), np.zeros((*shape, 3)), np.empty((*shape, 2))
-    c, s, found = math.cos(pose[2]), math.sin(pose[2]), np.empty(len(points))
-    for i in range(shape[0]):
-        for j in range(shape[1]):
-            known, low, high = True, np.inf, -np.inf
-            for k in range(len(points)):
-                along, across = ways[i] + points[k, 0], sides[j] + points[k, 1]
-                x = math.floor((pose[0] + c * along - s * across - corner[0]) / cell)
-                y = math.floor((pose[1] + s * along + c * across - corner[1]) / cell)
-                inside = 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]
-                found[k] = heights[x, y] if inside else np.nan
-                if math.isnan(found[k]):
-                    known = False
-                else:
-                    low, high = min(low, found[k]), max(high, found[k])
-            bounds[i, j, 0], bounds[i, j, 1] = low, high
-            if not known:
-                fits[i, j] = -1
-                continue
-            for axis in range(3):
-                total = 0.0
-                for k in range(len(points)):
-                    total += inverse[axis, k] * found[k]
-                planes[i, j, axis] = total
-            worst = 0.0
-            for k in range(len(points)):
-                on = planes[i, j, 0] * points[k, 0] + planes[i, j, 1] * points[k, 1] + planes[i, j, 2]
-                worst = max(worst, abs(found[k] - on))
-            if worst <= flat:
-                fits[i, j] = 1
-    return fits, planes, bounds
-
-
-@njit(cache=True)
-def _rooms(fits: NDArray[np.int8], height: Matrix, steps: tuple[int, int], same: float) -> Matrix:
-    """Steps of the lattice, up to these along and across, by which a sole may move: back, forward, right, left.
-
-    On all places in between it fits, and neighbours differ by less than ``same`` in height; across, they have
-    the same room along, up to a step.
-    """
-    rooms = np.zeros((*fits.shape, 4))
-    for way in range(2):  # across needs what is along
-        for i in range(fits.shape[0]):
-            for j in range(fits.shape[1]):
-                if fits[i, j] != 1:
-                    continue
-                for sign in (-1, 1):
-                    last, count = height[i, j], 0
-                    while count < steps[way]:
-                        row, column = (i + sign * (count + 1), j) if way == 0 else (i, j + sign * (count + 1))
-                        if not (0 <= row < fits.shape[0] and 0 <= column < fits.shape[1]) or fits[row, column] != 1:
-                            break
-                        if abs(height[row, column] - last) > same:
-                            break
-                        if way == 1 and (
-                            rooms[row, column, 0] < rooms[i, j, 0] - 1 or rooms[row, column, 1] < rooms[i, j, 1] - 1
-                        ):
-                            break
-                        last, count = height[row, column], count + 1
-                    rooms[i, j, 2 * way + (sign + 1) // 2] = count
-    return rooms
-
-
-@njit(cache=True)
-def _walls(
-    heights: Matrix,
-    corner: tuple[float, float],
-    cell: float,
-    pose: tuple[float, float, float],
-    ways: Vector,
-    sides: Vector,
-    sole: tuple[float, float],
-    fits: NDArray[np.int8],
-    planes: Matrix,
-    far: float,
-) -> Matrix:
-    """Share of a distance [m] by which ground above the plane of a sole from x_min to x_max is nearer to its ends."""
-    wall = np.zeros(fits.shape)
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    for i in range(len(ways)):
-        for j in range(len(sides)):
-            if fits[i, j] != 1:
-                continue
-            beyond = 0.0
-            while beyond < far and wall[i, j] == 0.0:
-                beyond += 0.5 * cell
-                for ahead in (sole[0] - beyond, sole[1] + beyond):
-                    along = ways[i] + ahead
-                    x = math.floor((pose[0] + c * along - s * sides[j] - corner[0]) / cell)
-                    y = math.floor((pose[1] + s * along + c * sides[j] - corner[1]) / cell)
-                    inside = 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]
-                    if inside and heights[x, y] > planes[i, j, 2] + planes[i, j, 0] * ahead + _LEVEL:
-                        wall[i, j] = max(1.0 - beyond / far, 0.0)
-    return wall
-
-
-@njit(cache=True)
 def _expand(
-    begun: _Begun, ways: Vector, sides: Vector, survey: _Survey, felt: float, limits: _Limits, costs: Costs
+    begun: _Begun, ways: Vector, sides: Vector, survey: Survey, felt: float, limits: _Limits, costs: Costs
 ) -> tuple[Matrix, NDArray[np.int64]]:
     """Cost of each beginning (k) with a next step to each way (n), across from it at the best place; and that place.
 

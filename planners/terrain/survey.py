@@ -1,0 +1,176 @@
+"""Where on a lattice of places a sole lies on measured ground, with what room, and how near to higher ground."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.numerics.compiled import njit
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
+from planners.gait.footsteps import LEFT, Foothold
+from planners.terrain.elevation_map import Heights
+
+GRID = (0.01, 0.02)  #: Between two places, along and across a line [m]
+BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
+_POINTS = 0.02  #: Between the points of that ground, at most [m]
+_FLAT = 0.012  #: Largest deviation of that ground from its plane [m]
+_ROOM = (0.06, 0.30)  #: Ways along and across by which a sole may move on its ground that are looked for [m]
+_SAME = 0.01  #: Difference of height between neighbours of a lattice on the same ground [m]
+_HIGHER = 0.03  #: Above the plane of a sole from which on ground is higher [m]
+_WALL = 0.08  #: Distance ahead or behind of a sole from which on higher ground does not matter [m]
+
+
+class Survey(NamedTuple):
+    """Ground under a sole at each place of a lattice (n, m)."""
+
+    fits: NDArray[np.int8]  #: 1: it lies on a plane; 0: it does not; -1: some of the ground is not known
+    height: Matrix  #: Of that plane in the middle [m]
+    along: Matrix  #: Its slope along the line [-]
+    across: Matrix  #: and across [-]
+    low: Matrix  #: Lowest and
+    high: Matrix  #: highest of what is known [m]
+    room: Matrix  #: By which the sole may move on the same ground: back, forward, right, left (n, m, 4) [m]
+    wall: Matrix  #: Share of ``_WALL`` by which higher ground is nearer [-]
+
+
+class SoleSurvey:
+    """Fits planes to the ground under a sole, ``edge`` [m] around its ends and ``BESIDE`` it.
+
+    Attributes:
+        points: Places of that ground in the frame of the sole (k, 2) [m].
+    """
+
+    def __init__(self, robot: RobotModel, edge: float) -> None:
+        x_min, x_max, y_min, y_max = robot.feet[LEFT].rectangle
+        self._sole = x_min, x_max
+        across = np.linspace(y_min - BESIDE, y_max + BESIDE, 2 + round((y_max - y_min + 2.0 * BESIDE) / _POINTS))
+        along = np.linspace(x_min - edge, x_max + edge, 2 + round((x_max - x_min + 2.0 * edge) / _POINTS))
+        self.points = np.array([(x, y) for x in along for y in across])
+        self._inverse = np.linalg.pinv(np.column_stack([self.points, np.ones(len(self.points))]))
+
+    def survey(self, ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> Survey:
+        """Survey places at ``ways`` along a line (n,) and ``sides`` across it (m,), ``GRID`` apart [m]."""
+        more = round(_ROOM[0] / GRID[0])  # places beyond, for the room of the first and last
+        beyond = GRID[0] * np.arange(1, more + 1)
+        longer = np.concatenate([ways[0] - beyond[::-1], ways, ways[-1] + beyond])
+        at = ground.values, ground.corner, ground.cell, line.pose, longer, sides
+        fits, planes, bounds = _fit_planes(*at, self.points, self._inverse, _FLAT)
+        height = planes[..., 2]
+        wall = _walls(*at, self._sole, fits, planes, _WALL)
+        room = _rooms(fits, height, (more, round(_ROOM[1] / GRID[1])), _SAME) * np.repeat(GRID, 2)
+        layers = fits, height, planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room, wall
+        return Survey(*(np.ascontiguousarray(layer[more:-more]) for layer in layers))
+
+
+@njit(cache=True)
+def _fit_planes(
+    heights: Matrix,
+    corner: tuple[float, float],
+    cell: float,
+    pose: tuple[float, float, float],
+    ways: Vector,
+    sides: Vector,
+    points: Matrix,
+    inverse: Matrix,
+    flat: float,
+) -> tuple[NDArray[np.int8], Matrix, Matrix]:
+    """Planes through the ground at points (k, 2) around each place; see ``Survey``."""
+    shape = len(ways), len(sides)
+    fits, planes, bounds = np.zeros(shape, np.int8), np.zeros((*shape, 3)), np.empty((*shape, 2))
+    c, s, found = math.cos(pose[2]), math.sin(pose[2]), np.empty(len(points))
+    for i in range(shape[0]):
+        for j in range(shape[1]):
+            known, low, high = True, np.inf, -np.inf
+            for k in range(len(points)):
+                along, across = ways[i] + points[k, 0], sides[j] + points[k, 1]
+                x = math.floor((pose[0] + c * along - s * across - corner[0]) / cell)
+                y = math.floor((pose[1] + s * along + c * across - corner[1]) / cell)
+                inside = 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]
+                found[k] = heights[x, y] if inside else np.nan
+                if math.isnan(found[k]):
+                    known = False
+                else:
+                    low, high = min(low, found[k]), max(high, found[k])
+            bounds[i, j, 0], bounds[i, j, 1] = low, high
+            if not known:
+                fits[i, j] = -1
+                continue
+            for axis in range(3):
+                total = 0.0
+                for k in range(len(points)):
+                    total += inverse[axis, k] * found[k]
+                planes[i, j, axis] = total
+            worst = 0.0
+            for k in range(len(points)):
+                on = planes[i, j, 0] * points[k, 0] + planes[i, j, 1] * points[k, 1] + planes[i, j, 2]
+                worst = max(worst, abs(found[k] - on))
+            if worst <= flat:
+                fits[i, j] = 1
+    return fits, planes, bounds
+
+
+@njit(cache=True)
+def _rooms(fits: NDArray[np.int8], height: Matrix, steps: tuple[int, int], same: float) -> Matrix:
+    """Steps of the lattice, up to these along and across, by which a sole may move: back, forward, right, left.
+
+    On all places in between it fits, and neighbours differ by less than ``same`` in height; across, they have
+    the same room along, up to a step.
+    """
+    rooms = np.zeros((*fits.shape, 4))
+    for way in range(2):  # across needs what is along
+        for i in range(fits.shape[0]):
+            for j in range(fits.shape[1]):
+                if fits[i, j] != 1:
+                    continue
+                for sign in (-1, 1):
+                    last, count = height[i, j], 0
+                    while count < steps[way]:
+                        row, column = (i + sign * (count + 1), j) if way == 0 else (i, j + sign * (count + 1))
+                        if not (0 <= row < fits.shape[0] and 0 <= column < fits.shape[1]) or fits[row, column] != 1:
+                            break
+                        if abs(height[row, column] - last) > same:
+                            break
+                        if way == 1 and (
+                            rooms[row, column, 0] < rooms[i, j, 0] - 1 or rooms[row, column, 1] < rooms[i, j, 1] - 1
+                        ):
+                            break
+                        last, count = height[row, column], count + 1
+                    rooms[i, j, 2 * way + (sign + 1) // 2] = count
+    return rooms
+
+
+@njit(cache=True)
+def _walls(
+    heights: Matrix,
+    corner: tuple[float, float],
+    cell: float,
+    pose: tuple[float, float, float],
+    ways: Vector,
+    sides: Vector,
+    sole: tuple[float, float],
+    fits: NDArray[np.int8],
+    planes: Matrix,
+    far: float,
+) -> Matrix:
+    """Share of a distance [m] by which ground above the plane of a sole from x_min to x_max is nearer to its ends."""
+    wall = np.zeros(fits.shape)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(len(ways)):
+        for j in range(len(sides)):
+            if fits[i, j] != 1:
+                continue
+            beyond = 0.0
+            while beyond < far and wall[i, j] == 0.0:
+                beyond += 0.5 * cell
+                for ahead in (sole[0] - beyond, sole[1] + beyond):
+                    along = ways[i] + ahead
+                    x = math.floor((pose[0] + c * along - s * sides[j] - corner[0]) / cell)
+                    y = math.floor((pose[1] + s * along + c * sides[j] - corner[1]) / cell)
+                    inside = 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]
+                    if inside and heights[x, y] > planes[i, j, 2] + planes[i, j, 0] * ahead + _HIGHER:
+                        wall[i, j] = max(1.0 - beyond / far, 0.0)
+    return wall
