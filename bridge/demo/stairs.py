@@ -38,12 +38,13 @@ from models.status import RouteState, RouteStatus
 from models.terrain import Ground, Terrain, terrain_named
 from models.types import Matrix, Mode, Vector
 from planners.gait.footsteps import Foothold
-from planners.nodes.footstep_messages import pose_message
+from planners.nodes.footstep_messages import foothold_from_pose, pose_message
 from planners.nodes.gait_link import decode
 from planners.nodes.ground_planner import ground_from_message
 from planners.terrain.elevation_map import Heights
 from planners.terrain.ground_route import Answer
 
+_LIES = 0.03  #: Distance from the ground up to which a point of a sole is on it, as it lands tilted [m]
 _SPACING = 0.02  #: Of the points of a sole under which map and ground are compared [m]
 
 
@@ -64,7 +65,8 @@ class Landing(NamedTuple):
 
     t: float  #: [s]
     foot: int
-    error: float  #: Of the sole from its planned foothold, horizontal [m]
+    error: tuple[float, float]  #: Of the sole from its planned foothold, along and across [m]
+    lies: bool  #: Whether the whole sole is on the ground, in truth
     sole: Vector  #: True place (3,) [m]
     planned: float  #: Height of the map under the sole, on the scale of W by the stance sole [m]
     errors: Vector  #: Of the map under the sole, from the ground, relative to the stance sole (n,) [m]
@@ -134,18 +136,21 @@ class StairsWalk:
             poses = [pose for pose in (known[-1].poses if known else []) if pose.header.frame_id == frame]
             if not poses or not seen:
                 continue
-            aim, landed = poses[0].pose.position, taken.pose.position
+            landed = taken.pose.position
             i = int(np.searchsorted(recording.t, t).clip(0, len(recording.t) - 1))
             true = _soles(model, recording.q[i])
             estimate = _soles(model, np.concatenate([recording.estimate[i], recording.q[i, 7:]]))
             foot = SOLE_FRAMES.index(frame)
             places, rises = _under(model, foot, true, estimate, seen[-1])
-            truth = np.array([ground.height(x, y) for x, y in places]) - true[1 - foot].translation[2]
+            heights = np.array([ground.height(x, y) for x, y in places.tolist()])
+            truth = heights - true[1 - foot].translation[2]
+            hold = foothold_from_pose("planned", poses[0].pose)
             found.append(
                 Landing(
                     t,
                     foot,
-                    float(np.hypot(landed.x - aim.x, landed.y - aim.y)),
+                    hold.relative(landed.x, landed.y),
+                    bool((np.abs(heights - true[foot].translation[2]) < _LIES).all()),
                     true[foot].translation.copy(),
                     float(np.nanmean(rises) + true[1 - foot].translation[2]) if np.isfinite(rises).any() else np.nan,
                     rises - truth,
@@ -183,7 +188,8 @@ def judge_stairs(
     errors = np.concatenate([np.zeros(0), *(landing.errors for landing in landings)])
     known = errors[np.isfinite(errors)]
     rmse = float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
-    off = max((landing.error for landing in landings), default=float("nan"))
+    along, across = np.abs([landing.error for landing in landings]).max(axis=0) if landings else (np.nan, np.nan)
+    beside = sum(not landing.lies for landing in landings)
     top = (terrain.count or 0) * terrain.height
     climbed = len(heights) > 0 and heights.max() > top - 0.02 and abs(heights[-1]) < 0.02
     fallen = fell(recording.q, recording.q[0, 2])
@@ -194,14 +200,20 @@ def judge_stairs(
         else Check("flight", False, "no step was taken"),
         Check("fall", not fallen, "fell" if fallen else "none"),
         Check("map", rmse < scene.map_error, f"RMSE {1e3 * rmse:.1f} mm under the soles before they land"),
-        Check("footholds", off < scene.foothold_error, f"largest error {1e2 * off:.1f} cm"),
+        Check("soles", not beside, f"{beside} not wholly on the ground as they landed"),
+        Check(
+            "footholds",
+            bool(along < scene.foothold_error),
+            f"at most {1e2 * along:.1f} cm off along the way, {1e2 * across:.1f} cm across for balance",
+        ),
     ]
     figures = {
         "steps": float(len(landings)),
         "duration_s": duration,
         "map_rmse_m": rmse,
         "map_known": len(known) / max(len(errors), 1),
-        "foothold_error_max_m": off,
+        "foothold_along_max_m": float(along),
+        "foothold_across_max_m": float(across),
     }
     return checks, figures
 
@@ -225,7 +237,7 @@ def plot_stairs(recording: Recording, landings: Sequence[Landing], ground: Groun
     squares = [each.errors[np.isfinite(each.errors)] ** 2 for each in landings]
     rms = [1e3 * float(np.mean(each)) ** 0.5 if len(each) else np.nan for each in squares]
     below.plot(number, rms, "k.-", linewidth=0.7, label="map under the sole, RMSE [mm]")
-    off = [1e3 * each.error for each in landings]
+    off = [1e3 * float(np.hypot(*each.error)) for each in landings]
     below.plot(number, off, ".-", color="#66a182", linewidth=0.7, label="sole from its foothold [mm]")
     below.set(xlabel="step", ylabel="error [mm]", ylim=(0.0, None))
     below.legend(fontsize=7, frameon=False)
