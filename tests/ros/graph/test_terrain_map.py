@@ -17,7 +17,7 @@ from tests.ros.conftest import Eyes, standing_graph
 
 pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
-MODULES = ("planners.nodes.terrain_mapper", "bridge.nodes.range_sensor_node")
+MODULES = ("planners.nodes.terrain_mapper", "planners.nodes.ground_planner", "bridge.nodes.range_sensor_node")
 
 
 @pytest.fixture(scope="module")
