@@ -197,7 +197,7 @@ class GraphStage:
         self.wall_lead = 0.0  #: Wall clock of the processes ahead of this one's [s]
         self._counts: dict[tuple[str, str], int] = {}
         self._corrupt = graph.node.create_publisher(String, "corrupt", EVENT)
-        self.observer = Observer(model)
+        self.observer = Observer(model, graph.node.context)
         self._path: deque[tuple[float, Vector]] = deque(maxlen=round(SPEED_TIME / LOOK))
         graph.node.create_timer(LOOK, self._look)  # the graph serves it while it restarts a process, too
         listen = graph.node.create_subscription

@@ -60,7 +60,7 @@ class Stage:
 
     def __init__(self, graph: Graph, model: RobotModel, config: DemoConfig, say: Callable[[str], object]) -> None:
         self.graph, self.model, self.config, self.say = graph, model, config, say
-        self.observer = Observer(model)
+        self.observer = Observer(model, graph.node.context)
         self.events: list[tuple[float, str]] = []
         self._push = graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,6 +46,7 @@ from planners.terrain.elevation_map import Heights
 from planners.terrain.ground_route import Answer
 
 _LIES = 0.03  #: Distance from the ground up to which a point of a sole is on it, as it lands tilted [m]
+_DOUBLE = 0.15  #: After the last touchdown, up to which a plan is one from before the foot lifted, nearly [s]
 _SPACING = 0.02  #: Of the points of a sole under which map and ground are compared [m]
 
 
@@ -131,7 +133,7 @@ class StairsWalk:
         found = []
         for (before, _), (t, taken) in zip(self.taken, self.taken[1:], strict=False):
             frame = taken.header.frame_id
-            known = [plan for stamp, plan in plans if stamp <= before]
+            known = [plan for stamp, plan in plans if stamp <= before + _DOUBLE]
             seen = [heights for stamp, heights in maps if stamp <= before]
             poses = [pose for pose in (known[-1].poses if known else []) if pose.header.frame_id == frame]
             if not poses or not seen:
@@ -191,7 +193,7 @@ def judge_stairs(
     along, across = np.abs([landing.error for landing in landings]).max(axis=0) if landings else (np.nan, np.nan)
     beside = sum(not landing.lies for landing in landings)
     top = (terrain.count or 0) * terrain.height
-    climbed = len(heights) > 0 and heights.max() > top - 0.02 and abs(heights[-1]) < 0.02
+    climbed = bool(len(heights) and heights.max() > top - 0.02 and abs(heights[-1]) < 0.02)
     fallen = fell(recording.q, recording.q[0, 2])
     duration = float(recording.t[-1] - recording.t[0])
     checks = [
@@ -270,27 +272,30 @@ def demo_stairs(robot: str = "g1", out: Path = Path("out")) -> int:
     graph = Graph(robot, specs=process_specs(terrain_map=True), parameters=parameters, log=out / "graph.log", say=say)
     failure, recording, landings = "", None, list[Landing]()
     fast = {"real_time_factor": float("nan")}
+    ending = ExitStack()  # the middleware is left last: it may block
     try:
-        with graph:
-            stage = Stage(graph, model, config, say)
-            walk = StairsWalk(stage, scene)
-            try:
-                graph.wait_standing(config.start_limit)
-                stage.watch(lambda: stage.observer.ready, config.start_limit, "no ground truth or no estimate arrived")
-                began, used = (time.monotonic(), stage.observer.stamp), cpu_times(graph.pids)
-                walk.play(way)
-                passed = stage.observer.stamp - began[1]
-                fast["real_time_factor"] = passed / (time.monotonic() - began[0])
-                fast |= {f"{CPU}{name}": (end - used[name]) / passed for name, end in cpu_times(graph.pids).items()}
-                fast |= {"light_to_foothold_s_median": float(np.median(walk.delays))}
-                fast |= {"light_to_foothold_s_max": float(np.max(walk.delays))}
-            except PoiseError as error:
-                failure = str(error)
-            recording = stage.observer.recording(stage.events)
-            stage.observer.close()
-            landings = walk.landings(model, recording, Ground(terrain))
+        ending.enter_context(graph)
+        stage = Stage(graph, model, config, say)
+        ending.callback(stage.observer.close)
+        walk = StairsWalk(stage, scene)
+        try:
+            graph.wait_standing(config.start_limit)
+            stage.watch(lambda: stage.observer.ready, config.start_limit, "no ground truth or no estimate arrived")
+            began, used = (time.monotonic(), stage.observer.stamp), cpu_times(graph.pids)
+            walk.play(way)
+            passed = stage.observer.stamp - began[1]
+            fast["real_time_factor"] = passed / (time.monotonic() - began[0])
+            fast |= {f"{CPU}{name}": (end - used[name]) / passed for name, end in cpu_times(graph.pids).items()}
+            fast |= {"light_to_foothold_s_median": float(np.median(walk.delays))}
+            fast |= {"light_to_foothold_s_max": float(np.max(walk.delays))}
+        except PoiseError as error:
+            failure = str(error)
+        recording = stage.observer.recording(stage.events)
+        landings = walk.landings(model, recording, Ground(terrain))
     except PoiseError as error:
         failure = failure or str(error)
+    finally:
+        graph.stop()
     checks = [Check("scenario", not failure, failure or "played to its end")]
     figures: dict[str, float] = {}
     if recording is not None:
@@ -304,5 +309,7 @@ def demo_stairs(robot: str = "g1", out: Path = Path("out")) -> int:
     print_report(console, model.name, checks, figures, fast)
     write_report(out / "report.json", model.name, checks, figures, fast, done)
     say(f"report: {out / 'report.json'}")
-    end_within(END_TIME, int(not done))()
+    cancel = end_within(END_TIME, int(not done))
+    ending.close()
+    cancel()
     return int(not done)
