@@ -1,7 +1,8 @@
-"""The verdict on a square that was walked, on recordings made by kinematics alone."""
+"""The verdicts on a square and on stairs that were walked, on recordings made by kinematics alone."""
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -10,10 +11,12 @@ import pytest
 from bridge.analysis.plots import footsteps, plot_walk
 from bridge.demo.report import judge_walk
 from bridge.demo.stage import DemoConfig
+from bridge.demo.stairs import Landing, StairsScene, judge_stairs
 from bridge.record.recording import Recording
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
+from models.terrain import terrain_named
 
 CONFIG = default_config(DemoConfig, "bridge", "demo")
 EVENTS = (
@@ -107,3 +110,26 @@ def test_parts_and_footsteps(g1: RobotModel, square: Recording, tmp_path: Path) 
     square.save(tmp_path / "run.npz")
     again = Recording.load(tmp_path / "run.npz")
     assert again.estimate is not None and np.array_equal(again.estimate, square.estimate)
+
+
+@pytest.mark.parametrize(
+    ("changed", "culprit"),
+    [
+        ({}, []),
+        ({"lies": False}, ["soles"]),
+        ({"errors": np.full(9, 0.04)}, ["map"]),
+        ({"error": (0.2, 0.0)}, ["footholds"]),
+        ({"sole": np.zeros(3)}, ["flight"]),
+    ],
+)
+def test_a_walk_over_stairs_fails_for_what_is_wrong_with_it(
+    g1: RobotModel, changed: dict[str, Any], culprit: list[str]
+) -> None:
+    scene, terrain = default_config(StairsScene, "bridge", "demo_stairs"), replace(terrain_named("flight"), count=1)
+    q, zeros = np.tile(g1.standing_configuration(), (50, 1)), np.zeros((50, g1.nv))
+    recording = Recording(g1.name, np.arange(50) / 10.0, q, zeros, zeros[:, 6:], np.zeros((50, 2, 6)))
+    even = Landing(1.0, 0, (0.01, 0.02), True, np.zeros(3), 0.0, np.full(9, 0.002))
+    top = even._replace(sole=np.array([1.2, 0.1, 0.15]))
+    checks, figures = judge_stairs(g1, recording, [even, top._replace(**changed), even], scene, terrain)
+    assert figures["steps"] == 3.0 and figures["map_known"] == 1.0
+    assert [check.name for check in checks if not check.passed] == culprit
