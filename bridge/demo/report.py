@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ from bridge.record.recording import Recording, sole_middle
 from bridge.record.render import DONE
 from models.constants import GRAVITY
 from models.heading import heading, turned
+from models.nodes.realtime import end_within
+from models.nodes.spin import END_TIME
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
@@ -157,6 +160,26 @@ def write_report(
     report = {"robot": robot, "passed": passed, "checks": listed, "figures": figures}
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+
+
+def conclude(
+    console: Console,
+    out: Path,
+    robot: str,
+    checks: list[Check],
+    stable: dict[str, float],
+    fast: dict[str, float],
+    ending: ExitStack,
+) -> int:
+    """Print and write the report, and leave the middleware, which may block; exit code of the demonstration."""
+    passed = all(check.passed for check in checks)
+    print_report(console, robot, checks, stable, fast)
+    write_report(out / "report.json", robot, checks, stable, fast, passed)
+    console.print(f"[dim]report: {out / 'report.json'}[/dim]", highlight=False)
+    cancel = end_within(END_TIME, int(not passed))
+    ending.close()
+    cancel()
+    return int(not passed)
 
 
 def judge_walk(model: RobotModel, recording: Recording, config: DemoConfig) -> tuple[list[Check], dict[str, float]]:

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from bridge.analysis.plots import plot_run, plot_walk
 from bridge.analysis.stability import stability_figures
-from bridge.demo.report import Check, judge, judge_speed, judge_walk, print_report, write_report
+from bridge.demo.report import Check, conclude, judge, judge_speed, judge_walk
 from bridge.demo.stage import WALK, DemoConfig, SquareWalk, Stage
 from bridge.launch.graph import Graph
 from bridge.record.recording import Recording
@@ -18,8 +18,6 @@ from bridge.record.render import render_filmstrip
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
-from models.nodes.realtime import end_within
-from models.nodes.spin import END_TIME
 from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
 from models.status import ControlStatus, MotionState, MotionStatus
@@ -171,11 +169,4 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
         say("plots: " + ", ".join(str(file) for file in plots))
         problem = render_filmstrip(out / "recording.npz", out / "filmstrip.png", robot)
         say(problem or f"film strip: {out / 'filmstrip.png'}")
-    passed = all(check.passed for check in checks)
-    print_report(console, model.name, checks, stable, fast)
-    write_report(out / "report.json", model.name, checks, stable, fast, passed)
-    say(f"report: {out / 'report.json'}")
-    cancel = end_within(END_TIME, int(not passed))
-    ending.close()
-    cancel()
-    return int(not passed)
+    return conclude(console, out, model.name, checks, stable, fast, ending)

@@ -18,7 +18,7 @@ from rich.console import Console
 from std_msgs.msg import Float64, UInt8MultiArray
 
 from bridge.analysis.plots import new_figure
-from bridge.demo.report import CPU, Check, fell, judge_speed, print_report, write_report
+from bridge.demo.report import CPU, Check, conclude, fell, judge_speed
 from bridge.demo.stage import DemoConfig, Stage
 from bridge.launch.graph import Graph
 from bridge.record.recording import Recording
@@ -31,8 +31,6 @@ from models.nodes import topics
 from models.nodes.grid_map import grid_map_type
 from models.nodes.messages import stamp_ns, to_seconds
 from models.nodes.qos import EVENT, SENSOR
-from models.nodes.realtime import end_within
-from models.nodes.spin import END_TIME
 from models.nodes.status import subscribe_status
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.status import RouteState, RouteStatus
@@ -305,11 +303,4 @@ def demo_stairs(robot: str = "g1", out: Path = Path("out")) -> int:
         say(f"plot: {plot_stairs(recording, landings, Ground(terrain), out / 'stairs.png')}")
         problem = render_filmstrip(out / "recording.npz", out / "filmstrip.png", robot, terrain=scene.terrain)
         say(problem or f"film strip: {out / 'filmstrip.png'}")
-    done = all(check.passed for check in checks)
-    print_report(console, model.name, checks, figures, fast)
-    write_report(out / "report.json", model.name, checks, figures, fast, done)
-    say(f"report: {out / 'report.json'}")
-    cancel = end_within(END_TIME, int(not done))
-    ending.close()
-    cancel()
-    return int(not done)
+    return conclude(console, out, model.name, checks, figures, fast, ending)

@@ -4,18 +4,18 @@
                                                          any of these from release on -> damped -> damp, or listen
                                                          stand -> relax -> damped
 
-Nothing is commanded before ``release`` has ended, unless nobody else commands the robot and damping is requested.
-Where the last driver crashed, ``listen`` waits until robot and state of that controller are known: with none active
-the robot is ``damped``, with one the start begins anew. While they are unknown nothing is commanded, unless the
-operator requests damping. ``gantry`` waits for the operator's confirmation that the robot hangs from a gantry,
-``hanging`` for ``lower``. The robot must hang upright, without load on its feet, at the confirmation and until it is
-``hanging``. One that topples before it stands by itself is damped, and none is put on its feet under a hold of the
-monitors. ``held`` is stiff in the standing posture until the load on the feet, which follows from the joint torques,
-equals the weight. The stiff hold includes the torques of that load at the measured posture: gravity does not weaken
-its springs, and a CoM beside that of the model makes the robot lean less. ``loaded`` stays stiff until the joint
-drivers execute commands, which then replace the stiff hold over the time ``fade``; a robot that is lifted before that
-is ``held`` again. ``damped`` waits for the operator to hang the robot up; when the vendor's controller becomes
-active, commands end, and the start begins again.
+Nothing is commanded before ``release`` has ended, unless no other controller commands the robot and damping is
+requested. Where the last driver crashed, ``listen`` waits until robot and state of that controller are known: with
+none active the robot is ``damped``, with one the start begins anew. While they are unknown nothing is commanded,
+unless the operator requests damping. ``gantry`` waits for the operator's confirmation that the robot hangs from a
+gantry, ``hanging`` for ``lower``. The robot must hang upright, without load on its feet, at the confirmation and
+until it is ``hanging``. One that topples before it stands by itself is damped, and none is put on its feet under a
+hold of the monitors. ``held`` is stiff in the standing posture until the load on the feet, which follows from the
+joint torques, equals the weight. The stiff hold includes the torques of that load at the measured posture: gravity
+does not weaken its springs, and a CoM beside that of the model makes the robot lean less. ``loaded`` stays stiff
+until the joint drivers execute commands, which then replace the stiff hold over the time ``fade``; a robot that is
+lifted before that is ``held`` again. ``damped`` waits for the operator to hang the robot up; when the vendor's
+controller becomes active, commands end, and the start begins again.
 """
 
 from collections.abc import Callable, Sequence
@@ -137,7 +137,7 @@ class Startup:
         self._damping = damping_command(model)
         self._data = model.data()
         self._standing = np.zeros(model.nj)  # torques of the load on the feet (nj,) [N.m]
-        self._holds_on: Sequence[str] = ()  # present holds of the monitors
+        self._monitor_holds: Sequence[str] = ()  # present holds of the monitors
         self._vendor: str | None = None
         self._toppled = 0.0  # time for which the base has been tilted too far [s]
         self._elapsed = 0.0  # in this state, by the robot's clock, which the driver continues without samples [s]
@@ -155,7 +155,7 @@ class Startup:
     def waits_for(self) -> str:
         """What ends the present state; empty for none."""
         state, config = self.state, self.config
-        if state is StartState.HANGING and (reasons := "; ".join(filter(None, (*self._holds_on, self._grounded)))):
+        if state is StartState.HANGING and (reasons := "; ".join(filter(None, (*self._monitor_holds, self._grounded)))):
             return f"{_WAITS[state]} ({reasons})"
         if state in _WAITS:
             return f"{_WAITS[state]} (before: {self.reason})" if self.reason else _WAITS[state]
@@ -172,7 +172,7 @@ class Startup:
         if state is StartState.RELAX:
             return f"the robot to sink, {max(config.relax_time - self._elapsed, 0.0):.1f} s"
         if state is StartState.HELD:
-            return "; ".join(self._holds_on) or f"the weight on the feet: {100.0 * self.load:.0f} %"
+            return "; ".join(self._monitor_holds) or f"the weight on the feet: {100.0 * self.load:.0f} %"
         if self._crashed:
             return f"the operator: hang the robot up, end poise up with Ctrl-C and start it again ({self.reason})"
         return f"the operator: hang the robot up and call start/prepare (damped: {self.reason})"
@@ -226,8 +226,8 @@ class Startup:
     def lower(self) -> str:
         """The operator lowers the robot."""
         self._require("lower", StartState.HANGING)
-        if self._holds_on:
-            raise CommandError(f"lower refused: {'; '.join(self._holds_on)}")
+        if self._monitor_holds:
+            raise CommandError(f"lower refused: {'; '.join(self._monitor_holds)}")
         if not self.tilt < self.config.tilt_max:
             raise CommandError(f"lower refused: {self._grounded}; hang the robot upright, and call it again")
         self._enter(StartState.HELD)
@@ -262,7 +262,7 @@ class Startup:
 
     @property
     def _limp(self) -> bool:
-        """Whether nobody is known to command the robot while this computer does not either."""
+        """Whether neither this computer nor, as far as is known, another controller commands the robot."""
         return not self.commands and ((self._crashed and not self._vendor) or (self._vendor == "" and not self._doubts))
 
     def relax(self) -> str:
@@ -279,7 +279,7 @@ class Startup:
         t = sensors.t + inputs.stale if sensors.t > 0.0 else 0.0
         dt = 0.0 if self._t is None else max(t - self._t, 0.0)
         self._t, self._findings = t, inputs.findings
-        self._doubts, self._holds_on, self._vendor = inputs.doubts, inputs.holds, inputs.vendor
+        self._doubts, self._monitor_holds, self._vendor = inputs.doubts, inputs.holds, inputs.vendor
         if self._crashed and self.state is StartState.LISTEN and np.isfinite(sensors.tau).all():
             self._at_fault = JointCommand.torque(sensors.tau)  # of the command that the last driver left
         self._elapsed += dt

@@ -25,19 +25,19 @@ from models.nodes import realtime
 from models.robot_model import RobotModel
 
 
-class Voice:
-    """Says what happens, in another thread: nobody has to read it, and the guard goes on."""
+class BackgroundLog:
+    """Writes to stdout in another thread: the guard does not wait for a reader."""
 
     def __init__(self) -> None:
         self._texts: queue.Queue[str] = queue.Queue(maxsize=20)
-        Thread(target=self._write, daemon=True).start()
+        Thread(target=self._run, daemon=True).start()
 
-    def say(self, text: str) -> None:
-        """Say a text, unless too many wait."""
+    def write(self, text: str) -> None:
+        """Write a line, unless too many wait."""
         with suppress(queue.Full):
             self._texts.put_nowait(f"damping_guard: {text}\n")
 
-    def _write(self) -> None:
+    def _run(self) -> None:
         while True:
             text = self._texts.get()
             with suppress(OSError):
@@ -57,8 +57,8 @@ def main(args: list[str] | None = None) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _: ending.append(number))
     config = real_robot()
-    voice = Voice()
-    realtime.use_fifo(config.guard_priority, voice.say)
+    log = BackgroundLog()
+    realtime.use_fifo(config.guard_priority, log.write)
     due = time.monotonic()
     reported = limit = 0  # interventions, and number of foreign commands that is reported when exceeded
     try:
@@ -74,9 +74,9 @@ def main(args: list[str] | None = None) -> None:
                 link.send(command)
             if guard.interventions > reported:
                 reported = guard.interventions
-                voice.say("the driver is silent: damping")
+                log.write("the driver is silent: damping")
             if guard.foreign > limit and guard.armed:
-                voice.say(f"another program commands the robot: {guard.foreign} commands")
+                log.write(f"another program commands the robot: {guard.foreign} commands")
                 limit = 10 * guard.foreign
             ended = bool(ending) or os.getppid() != parent
             if ended and (not guard.armed or guard.silence(now) > config.guard_time):

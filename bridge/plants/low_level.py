@@ -87,6 +87,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         self._sample: SampleT | None = None
         self._restarts_seen = 0
         self._pressed = frozenset[str]()  # buttons in any message of this read
+        self._button = ""  # stop button among them
         self.refused = 0  #: Messages that could not be used
         self._why = ""
         self._fault = ""  # of the service that names the vendor's controller
@@ -103,7 +104,8 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
             self._foreign += foreign
         waiting, self._waiting = [*self._waiting, *self._link.take()], []
         samples = [sample for message in waiting if (sample := self._use(message)) is not None]
-        self._stop = self._button
+        buttons = self._pressed.intersection(self._hardware.stop_buttons)
+        self._stop = self._button = f"button {', '.join(sorted(buttons))} of the remote controller" if buttons else ""
         self.counter.idle(arrived=bool(samples))
         for sample in samples:
             self._accept(sample)
@@ -117,12 +119,6 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
     @property
     def pressed(self) -> str:
         return self._button
-
-    @property
-    def _button(self) -> str:
-        """Stop button in the messages of the newest ``read``; empty for none."""
-        buttons = self._pressed.intersection(self._hardware.stop_buttons)
-        return f"button {', '.join(sorted(buttons))} of the remote controller" if buttons else ""
 
     @property
     def arrived(self) -> bool:

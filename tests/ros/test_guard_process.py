@@ -1,4 +1,4 @@
-"""The guard process when nobody reads what it says: a closed terminal, or one that was stopped."""
+"""The guard process when its output is not read: a closed terminal, or one that was stopped."""
 
 import os
 import subprocess
@@ -47,7 +47,7 @@ damping_guard.main(["fake", "g1_hardware", "0", "{}"])
 
 
 @pytest.mark.parametrize("reader", ["gone", "stopped"])
-def test_the_guard_damps_where_nobody_reads_what_it_says(reader: str) -> None:
+def test_the_guard_damps_where_its_output_is_not_read(reader: str) -> None:
     read, write = os.pipe()
     process = subprocess.Popen(
         [sys.executable, "-c", SCRIPT], stdin=subprocess.PIPE, stdout=write, stderr=subprocess.PIPE, text=True

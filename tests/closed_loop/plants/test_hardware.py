@@ -143,7 +143,7 @@ def test_each_state_of_the_start_may_be_stopped(loop: HardwareLoop, state: Start
 
 
 def test_a_robot_whose_controller_was_released_before_is_damped_by_the_button(tmp_path: Path) -> None:
-    """Nobody else could: it is limp."""
+    """It is limp, and its own damping is gone."""
     loop = HardwareLoop(tmp_path / "marker", released=True)
     loop.reach(StartState.GANTRY)
     assert not loop.link.sent

@@ -10,7 +10,6 @@ from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from std_msgs.msg import Empty, String
 
-from controllers.stack import ControlStack
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.interfaces import interface
@@ -19,36 +18,25 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED
 from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
 from models.status import GaitStatus
-from models.types import RobotState
 from planners.gait.footsteps import Foothold, middle
 from planners.nodes.footstep_messages import pose_message
-from planners.nodes.gait_planner import GaitPlannerNode
+from tests.ros.gait.standing_gait import StandingGait
 from tests.support import standing
 
 pytestmark = pytest.mark.ros
 
-MS = 1_000_000
 
-
-class GaitOnly(ControlStack):
-    """A stack without a law: the test says when the gait follows its commands."""
-
-    walking = False
-
-
-class Commanded:
+class Commanded(StandingGait):
     """A gait planner whose robot stands on the spot, whatever it plans."""
 
     def __init__(self, bench: Any, g1: RobotModel) -> None:
-        self.bench, self.model, self.stamp = bench, g1, 10**9
         self.phases: list[str] = []
         world = bench.world
         world.create_subscription(String, topics.GAIT_PHASE, lambda m: self.phases.append(m.data), LATCHED)
         self.mode = world.create_publisher(String, topics.MODE, LATCHED)
         self.velocity = world.create_publisher(Twist, topics.GAIT_VELOCITY, COMMAND)
         self.halt = world.create_publisher(Empty, topics.GAIT_STOP, EVENT)
-        self.stack = GaitOnly()
-        self.node = bench.add(lambda **kwargs: GaitPlannerNode(self.stack, **kwargs))
+        super().__init__(bench, g1)
         self.goal = world.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
         self.footsteps = world.create_publisher(Path, topics.FOOTSTEPS_COMMAND, EVENT)
         self.routes: list[str] = []
@@ -66,20 +54,6 @@ class Commanded:
             self.stack.gait.reset(self.state)
             self.stack.walking = True
             self.node.publish(self.stamp)
-
-    @property
-    def state(self) -> RobotState:
-        return standing(self.model, 1e-9 * self.stamp)
-
-    def tick(self, ms: int) -> None:
-        """Let time pass, in one tick."""
-        self.stamp += ms * MS
-        self.node.before_tick(self.state.t)
-        self.stack.set_state(self.state)
-        if (held := self.stack.snapshot.held) is not None:
-            self.stack.gait.set_velocity(*held)
-        self.stack.gait.step(self.state, 1e-3 * ms)
-        self.node.publish(self.stamp)
 
     @property
     def desired(self) -> tuple[float, float, float]:

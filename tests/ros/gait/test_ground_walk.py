@@ -17,37 +17,31 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
 from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
 from models.status import GaitStatus, RouteState, RouteStatus
-from models.types import RobotState
 from planners.gait.footsteps import LEFT, RIGHT, Foothold, side_of
 from planners.gait.route import Footstep, soles_at
 from planners.gait.tread import Tread
 from planners.nodes.footstep_messages import pose_message
 from planners.nodes.gait_link import decode, encode
-from planners.nodes.gait_planner import GaitPlannerNode
 from planners.nodes.ground_planner import GroundPlannerNode
 from planners.terrain.footholds import GroundQuery
 from planners.terrain.ground_route import Answer, Request
-from tests.ros.gait.test_gait_planner_node import GaitOnly
-from tests.support import standing
+from tests.ros.gait.standing_gait import MS, StandingGait
 
 pytestmark = pytest.mark.ros
 
-MS = 1_000_000
 WALL = "the ground ahead is 0.30 m higher, at most 0.20 m"
 
 
-class Guided:
+class Guided(StandingGait):
     """A gait planner whose robot stands on the spot, and a ground planner that answers as the test says."""
 
     def __init__(self, bench: Any, g1: RobotModel, *, planner: bool = True) -> None:
-        self.bench, self.model, self.stamp = bench, g1, 10**9
         world = bench.world
         self.requests: list[Request] = []
         self.routes: list[RouteStatus] = []
         self.limits: list[str] = []
         self.repeated: float | None = None
-        self.stack = GaitOnly()
-        self.node = bench.add(lambda **kwargs: GaitPlannerNode(self.stack, **kwargs))
+        super().__init__(bench, g1)
         self.mode = world.create_publisher(String, topics.MODE, LATCHED)
         self.goal = world.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
         self.velocity = world.create_publisher(Twist, topics.GAIT_VELOCITY, COMMAND)
@@ -73,24 +67,10 @@ class Guided:
         self.tick(1)
 
     @property
-    def state(self) -> RobotState:
-        return standing(self.model, 1e-9 * self.stamp)
-
-    @property
     def left(self) -> int:
         """Footsteps that the gait has been given."""
         count: int = self.stack.gait.route.left
         return count
-
-    def tick(self, ms: int) -> None:
-        """Let time pass, in one tick."""
-        self.stamp += ms * MS
-        self.node.before_tick(self.state.t)
-        self.stack.set_state(self.state)
-        if (held := self.stack.snapshot.held) is not None:
-            self.stack.gait.set_velocity(*held)
-        self.stack.gait.step(self.state, 1e-3 * ms)
-        self.node.publish(self.stamp)
 
     def until(self, condition: Callable[[], object]) -> None:
         """Tick until something happens, while the velocity is repeated."""

@@ -310,7 +310,7 @@ def test_damped_robots_start_again_from_the_gantry(bench: Bench) -> None:
     assert bench.startup.state is StartState.HANGING
 
 
-def test_a_robot_that_nobody_commands_may_be_damped_before_the_release(g1: RobotModel) -> None:
+def test_a_robot_without_a_controller_may_be_damped_before_the_release(g1: RobotModel) -> None:
     for pressed in (False, True):
         bench = Bench(g1)
         bench.inputs["vendor"] = ""
