@@ -10,7 +10,7 @@ ROBOT ?= g1
 OUT ?= out
 BENCHES ?= tick qp gait loop push stand latency calibrate estimate walk terrain
 
-.PHONY: help demo view test test-graphs test-slow check bench report report-docs docs reference clean distclean
+.PHONY: help demo view test test-long test-graphs test-slow check bench report report-docs docs reference clean distclean
 
 help:  ## This text
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
@@ -23,9 +23,13 @@ view:  ## The running robot in a browser: buttons, sticks, plots, gains (start o
 	@.ci/setup view
 	@$(BIN)/poise view
 
-test:  ## The tests, without whole graphs and those marked slow, in parallel processes (WORKERS=2)
+test:  ## The tests, without whole graphs and those marked long or slow, in parallel processes (WORKERS=2)
 	@.ci/setup dev
 	@$(BIN)/python -m pytest -q -n $(WORKERS)
+
+test-long:  ## The longer closed loops, in parallel processes
+	@.ci/setup dev
+	@$(BIN)/python -m pytest -q -n $(WORKERS) -m "long and not slow and not graph"
 
 test-graphs:  ## The tests of whole graphs of processes, one at a time
 	@.ci/setup dev

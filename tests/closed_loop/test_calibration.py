@@ -100,6 +100,7 @@ def test_closed_chain_recovers_the_legs_and_waist_of_talos(talos: RobotModel) ->
     closed_chain(talos)
 
 
+@pytest.mark.long
 def test_standing_calibration_of_imu_and_gains(g1: RobotModel) -> None:
     errors = SensorErrors(gyro_bias=GYRO * signs(5, 3), wrench_gains=0.06 * signs(6, 2, 1))
     loop = ClosedLoop(g1, seed=SEED, sensor_errors=errors, record=False)

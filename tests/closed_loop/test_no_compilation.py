@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SCRIPT = """
 import json, sys
 from bridge.closed_loop import ClosedLoop
@@ -51,6 +53,7 @@ print(json.dumps({"functions": len(specialisations()), "new": new}))
 """
 
 
+@pytest.mark.long
 def test_motion_push_and_walk_compile_nothing(root: Path) -> None:
     """Counted in a fresh process, since what an earlier test compiled stays compiled."""
     result = subprocess.run(

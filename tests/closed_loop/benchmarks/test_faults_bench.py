@@ -66,6 +66,7 @@ def holds(name: str) -> bool:
         return False
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[] if name in IN_EVERY_RUN else pytest.mark.slow) for name in GUARDS]
 )

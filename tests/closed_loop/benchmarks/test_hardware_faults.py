@@ -56,6 +56,7 @@ def test_rows_and_acts_belong_together() -> None:
         catalogue()["hardware_faults"].load().run(Options(scenarios=("flood",)))
 
 
+@pytest.mark.long
 def test_a_standing_robot_takes_one_after_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hardware_faults, "config", lambda: replace(config(), settle=0.1, duration=0.4))
     loop = started(HardwareLoop(tmp_path / "marker"))
@@ -68,12 +69,14 @@ def test_a_standing_robot_takes_one_after_the_other(tmp_path: Path, monkeypatch:
         assert not Trial(loop, row).run()["ok"], changes
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in ROWS])
 def test_a_row_holds(name: str) -> None:
     case = measure("g1", 0, name)
     assert case["ok"], case
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "owner", "method", "removed"), REMOVED)
 def test_a_row_fails_without_its_guard(
     name: str, owner: type, method: str, removed: Any, monkeypatch: pytest.MonkeyPatch
@@ -83,6 +86,7 @@ def test_a_row_fails_without_its_guard(
     assert not case["ok"], case
 
 
+@pytest.mark.long
 def test_torques_without_a_rate_limit_follow_shaken_joints(monkeypatch: pytest.MonkeyPatch) -> None:
     encode = EffortCodec.encode
     monkeypatch.setattr(EffortCodec, "encode", lambda self, *command: encode(self, *command[:4]))
@@ -90,6 +94,7 @@ def test_torques_without_a_rate_limit_follow_shaken_joints(monkeypatch: pytest.M
     assert case["torque_step"] > 2.0  # 1.0 with the limit
 
 
+@pytest.mark.long
 def test_a_guard_that_does_not_fade_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     def at_once(model: RobotModel, last: JointCommand, elapsed: float) -> JointCommand:
         return damping_command(model)

@@ -52,6 +52,7 @@ def test_nineteen_of_twenty_decide(name: str, failures: int, passes: bool) -> No
     assert sum("walk, 38.0 s: base tilted" in note for note in BENCH.notes(report)) == failures
 
 
+@pytest.mark.long
 def test_a_run_that_is_too_slow_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Through the whole start; half a second of walking cannot cover the distance."""
     short = replace(CONFIG, stand_time=0.5, motion_time=0.1, distance=0.1)
@@ -61,6 +62,7 @@ def test_a_run_that_is_too_slow_says_so(monkeypatch: pytest.MonkeyPatch) -> None
     assert case["drift"] < 0.01 and case["moments"]["mode"][-1] == "motion"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("forward", [0.02, pytest.param(-0.02, marks=pytest.mark.slow)])
 def test_a_robot_with_another_com_starts_without_a_step(tmp_path: Path, forward: float) -> None:
     """Its feet stay where they touched down: the stiff hold does not lean it onto its toes or heels."""

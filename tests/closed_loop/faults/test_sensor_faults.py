@@ -92,6 +92,7 @@ def test_stands_squats_and_is_pushed_without_a_foot_sensor(name: str, kind: str)
     assert wrenches[:, 2] == pytest.approx(loop.plant.wrenches[:, 2], abs=0.06 * robot.mass * GRAVITY)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["on", "off", "absent"])
 def test_walks_on_when_a_foot_sensor_fails(g1: RobotModel, kind: str) -> None:
     wrench = {"on": half_weight(g1), "off": 0.0, "absent": np.nan}[kind]

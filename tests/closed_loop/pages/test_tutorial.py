@@ -28,6 +28,7 @@ def test_the_task_turns_the_waist_and_the_robot_stands(blocks: dict[str, str], c
     assert "fallen: False" in capsys.readouterr().out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["g1", "talos"])
 def test_the_motion_fits_every_robot(blocks: dict[str, str], tmp_path: Path, name: str) -> None:
     (tmp_path / "salute.yaml").write_text(blocks["yaml"])

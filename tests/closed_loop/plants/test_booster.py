@@ -29,7 +29,7 @@ from models.types import JointCommand, Mode
 from tests.booster.robot import write_profiles
 from tests.gantry import started
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 
 
 @pytest.fixture(scope="module")

@@ -96,6 +96,7 @@ def test_the_stop_button_must_have_been_seen_to_work(loop: HardwareLoop, monkeyp
     assert not loop.plant.warnings
 
 
+@pytest.mark.long
 def test_it_waves_and_walks(standing: HardwareLoop) -> None:
     assert standing.stack.command("wave").accepted
     standing.run(7.0)
@@ -319,6 +320,7 @@ def speeds(loop: HardwareLoop, time: float) -> tuple[float, float]:
     return float(largest[0]), float(largest[1])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
 def test_a_lowered_robot_sinks_slowly(tmp_path: Path, seed: int) -> None:
     """One that is damped where it stands reaches 1.6 m/s at the pelvis and 2.7 m/s at the torso."""
@@ -335,6 +337,7 @@ def test_a_lowered_robot_sinks_slowly(tmp_path: Path, seed: int) -> None:
     assert loop.side.base[2] < 0.2 and damping(loop.link.sent[-1])
 
 
+@pytest.mark.long
 def test_only_a_robot_that_has_crouched_may_relax(standing: HardwareLoop) -> None:
     def refuses(reason: str) -> bool:
         with pytest.raises(CommandError, match=reason):
@@ -383,6 +386,7 @@ def drift(loop: HardwareLoop) -> float:
     return float(np.linalg.norm((loop.side.base - begin)[:2]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("deviation", "mass", "forward"),
     [

@@ -23,7 +23,7 @@ from models.robot_model import RobotModel
 from models.types import JointCommand, Mode
 from tests.gantry import started
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.long]
 AFTERWARDS = (StartState.RELAX, StartState.DAMPED)
 
 

@@ -114,6 +114,7 @@ def test_stands_and_squats(kind: RobotModel) -> None:
     assert loop.foot_slip.max() < 0.005
 
 
+@pytest.mark.long
 def test_walks_forward_and_stands_again(kind: RobotModel) -> None:
     loop = ClosedLoop(kind, seed=1)
     loop.command("walk")

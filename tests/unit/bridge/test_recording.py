@@ -126,6 +126,7 @@ def test_film_strip_shows_the_height_of_every_part(g1: RobotModel) -> None:
         assert any(2.8 < time < 3.2 for time in times) and any(6.3 < time < 6.7 for time in times)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(
     ctypes.util.find_library("EGL") is None, reason="no EGL; Debian and Ubuntu: sudo apt install libegl1"
 )
