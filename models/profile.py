@@ -247,6 +247,7 @@ class Hardware:
     #: supply of the lowest drive; 0 counts as not measured; none for a robot that does not measure it [V]
     voltage: Thresholds | None = None
     mode_machine: Annotated[int, Field(ge=0, le=255)] | None = None  #: Unitree: type that the robot reports [1]
+    own_commands: NonNegative = 0.0  #: LowCmds that the robot's own controller publishes while it is active [Hz]
     switcher_version: str = ""  #: Unitree: of the motion switcher, which releases its controller; where it names one
 
 

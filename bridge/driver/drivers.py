@@ -168,7 +168,7 @@ class HardwareDrivers(Drivers):
         findings = () if startup.commands and startup.state is not StartState.DAMPED else self.plant.findings
         doubts = () if startup.commands else self.plant.doubts
         inputs = StartInputs(
-            sensors, findings, doubts, vendor, self._load.load, self._load.tilt,
+            sensors, findings, doubts, vendor, self._load.load, self._load.error, self._load.tilt,
             driven=self.awaits_command and servo.commanded, stop=stop, stale=self.stale, holds=self.plant.holds,
             pressed=self.plant.pressed,
         )  # fmt: skip

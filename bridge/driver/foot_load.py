@@ -14,14 +14,16 @@ from models.robot_model import RobotModel
 from models.types import SensorData, Vector
 
 AT_REST = 0.05  #: Mean speed of the fastest joint of a robot that stands still [rad/s]
+TORQUE_ERROR = 0.5  #: Of a joint at rest: dry friction, and a sensor that is off [N.m]
 PLAUSIBLE = 0.3  #: Deviation of the load from the model's weight that may be a payload [-]
 
 
 class FootLoad:
     """Force on each foot: J' f = g(q) - tau over the joints of its leg, for a leg of six joints at rest.
 
-    Roll and pitch of the base follow from the accelerometer. Dry friction of the joints is an error of a few newtons.
-    Forward and left are those of the base.
+    Roll and pitch of the base follow from the accelerometer. Forward and left are those of the base. A leg that is
+    nearly straight bears a force along it almost without torques: then a small error of a torque is a large one of the
+    load, which ``error`` says.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -33,16 +35,17 @@ class FootLoad:
         if imu.parentJoint != 1:
             self._imu_rotation = np.eye(3)
         self.load = 0.0  #: Sum over both feet as a share of the weight [-]
+        self.error = 0.0  #: Of ``load``, for errors ``TORQUE_ERROR`` of all joints of a leg at once [-]
         self.tilt = 0.0  #: Of the base from upright [rad]
         #: Of the robot at rest, from the CoM of the model to the CoP, forward and left [m]
         self.com_offset = np.zeros(2)
 
     def update(self, sensors: SensorData) -> None:
-        """Compute ``load`` and ``tilt``; NaN where a measurement is missing."""
+        """Compute ``load``, its ``error`` and ``tilt``; NaN where a measurement is missing."""
         up = self._imu_rotation @ sensors.accel  # in B
         length = float(np.linalg.norm(up))
         if not (np.isfinite(sensors.q).all() and np.isfinite(sensors.tau).all() and length > 0.0):
-            self.load = self.tilt = float("nan")
+            self.load = self.error = self.tilt = float("nan")
             self.com_offset = np.full(2, np.nan)
             return
         model = self._model
@@ -52,25 +55,29 @@ class FootLoad:
         gravity = pin.computeGeneralizedGravity(model.pin, self._data, self._q)  # (nv,)
         pin.computeJointJacobians(model.pin, self._data, self._q)
         pin.updateFramePlacements(model.pin, self._data)
-        force, moment = 0.0, np.zeros(2)
+        force, variance, moment = 0.0, 0.0, np.zeros(2)
         for foot in model.feet:
-            wrench = self._wrench(foot.frame_id, list(foot.joint_ids_v), gravity, sensors)
+            wrench, lift = self._wrench(foot.frame_id, list(foot.joint_ids_v), gravity, sensors)
+            variance += (TORQUE_ERROR * lift) ** 2
             place = self._data.oMf[foot.frame_id].translation
             force += float(wrench[2])
             moment += wrench[2] * place[:2] + (-wrench[4], wrench[3])
-        self.load = force / self._weight
+        self.load, self.error = force / self._weight, float(np.sqrt(variance)) / self._weight
         com = pin.centerOfMass(model.pin, self._data, self._q)
         self.com_offset = np.full(2, np.nan)
         if force > 0.0:
             self.com_offset = moment / force - com[:2]
 
-    def _wrench(self, frame: int, leg: list[int], gravity: Vector, sensors: SensorData) -> Vector:
-        """Wrench of the ground on a foot at the sole's origin, in axes of the world (6,) [N, N.m]."""
+    def _wrench(self, frame: int, leg: list[int], gravity: Vector, sensors: SensorData) -> tuple[Vector, float]:
+        """Wrench of the ground on a foot at the sole's origin, in axes of the world (6,) [N, N.m].
+
+        And its vertical force for a torque of 1 N.m in the direction to which it is most sensitive [N].
+        """
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobian = pin.getFrameJacobian(self._model.pin, self._data, frame, world)[:, leg]  # (6, 6)
         residual = gravity[leg] - sensors.tau[np.array(leg) - 6]
-        wrench: Vector = np.linalg.lstsq(jacobian.T, residual, rcond=1e-3)[0]
-        return wrench
+        inverse = np.linalg.pinv(jacobian.T, rcond=1e-3)
+        return inverse @ residual, float(np.linalg.norm(inverse[2]))
 
 
 def identify(model: RobotModel, mean: SensorData) -> Payload:

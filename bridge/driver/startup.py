@@ -83,8 +83,8 @@ BEFORE_RELEASE = (StartState.LISTEN, StartState.GANTRY)
 #: Stiff on the rope, or on the feet without balance
 _STIFF = (StartState.PREPARE, StartState.HANGING, StartState.HELD, StartState.LOADED)
 _WAITS = {
-    StartState.GANTRY: "the operator: hang the robot from its gantry and call start/confirm_gantry",
-    StartState.HANGING: "the operator: call start/lower, and lower the robot onto its feet",
+    StartState.GANTRY: "the operator: hang the robot from its gantry, then poise start confirm_gantry",
+    StartState.HANGING: "the operator: poise start lower, then lower the robot onto its feet",
     StartState.LOADED: "the supervisor: mode 'stand'",
     StartState.STAND: "",
 }
@@ -98,6 +98,7 @@ class StartInputs(NamedTuple):
     doubts: Sequence[str] = ()  # why not even damping may be commanded
     vendor: str | None = None  # name of the vendor's active controller, empty when released, None while unknown
     load: float = 0.0  # vertical force on both feet as a share of the weight [-]
+    load_error: float = 0.0  # of it [-]
     tilt: float = 0.0  # of the base [rad]
     driven: bool = False  # the joint drivers execute commands
     stop: str = ""  # reason to damp at once
@@ -130,6 +131,7 @@ class Startup:
         self.state = StartState.LISTEN
         self.reason = ""  #: Why the robot is damped, or was not released
         self.load = 0.0  #: Load on the feet, averaged over ``load_window``, as a share of the weight [-]
+        self._load_error = 0.0  # of the newest load [-]
         self.tilt = np.nan  #: Of the base, averaged likewise [rad]
         self._crashed = crashed
         self._target = model.posture("stand").copy()
@@ -155,14 +157,15 @@ class Startup:
     def waits_for(self) -> str:
         """What ends the present state; empty for none."""
         state, config = self.state, self.config
-        if state is StartState.HANGING and (reasons := "; ".join(filter(None, (*self._monitor_holds, self._grounded)))):
+        before = f"{self._without_own} (before: {self.reason})" if self.reason else self._without_own
+        if state is StartState.HANGING and (reasons := "; ".join(filter(None, (*self._monitor_holds, self.grounded)))):
             return f"{_WAITS[state]} ({reasons})"
         if state in _WAITS:
-            return f"{_WAITS[state]} (before: {self.reason})" if self.reason else _WAITS[state]
+            return f"{_WAITS[state]}{before}"
         if state is StartState.LISTEN and self._crashed:
             return self._unknown
         if state is StartState.LISTEN:
-            return "; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s"
+            return ("; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s") + before
         if state is StartState.RELEASE:
             return "; ".join(self._findings) or self._released
         if state is StartState.DAMP:
@@ -175,7 +178,7 @@ class Startup:
             return "; ".join(self._monitor_holds) or f"the weight on the feet: {100.0 * self.load:.0f} %"
         if self._crashed:
             return f"the operator: hang the robot up, end poise up with Ctrl-C and start it again ({self.reason})"
-        return f"the operator: hang the robot up and call start/prepare (damped: {self.reason})"
+        return f"the operator: hang the robot up, then poise start prepare (damped: {self.reason})"
 
     @property
     def _unknown(self) -> str:
@@ -186,7 +189,17 @@ class Startup:
             return found
         return (
             f"{found}; the robot may execute the last command for ever: hold it by its rope, then "
-            f"switch it off, or call start/damp if no other controller commands it"
+            f"switch it off, or poise start damp if no other controller commands it"
+        )
+
+    @property
+    def _without_own(self) -> str:
+        """What a robot does whose own controller is known to be inactive, before this computer commands it."""
+        if self.state not in BEFORE_RELEASE or self._vendor != "" or not self._own:
+            return ""
+        return (
+            f"; {self._own} is released: the robot is limp, or executes what another program commands: "
+            f"hold it by its rope, end that program, then poise start damp"
         )
 
     @property
@@ -229,9 +242,12 @@ class Startup:
         if self._monitor_holds:
             raise CommandError(f"lower refused: {'; '.join(self._monitor_holds)}")
         if not self.tilt < self.config.tilt_max:
-            raise CommandError(f"lower refused: {self._grounded}; hang the robot upright, and call it again")
+            raise CommandError(f"lower refused: {self.grounded}; hang the robot upright, and call it again")
+        lowered = self.grounded
         self._enter(StartState.HELD)
         self.load = 0.0  # whose torques begin without a step
+        if lowered:
+            return f"{lowered}: it was lowered before; it stands by itself within a second, keep the rope at hand"
         return "lower the robot; it stands by itself when its feet bear the weight"
 
     def prepare(self) -> str:
@@ -286,6 +302,7 @@ class Startup:
         share = min(dt / config.load_window, 1.0)
         self.tilt = self.tilt + share * (inputs.tilt - self.tilt) if np.isfinite(self.tilt) else inputs.tilt
         self.load += share * (inputs.load - self.load) if np.isfinite(inputs.load) else -share * self.load
+        self._load_error = float(np.nan_to_num(inputs.load_error))
         self._toppled = self._toppled + dt if self.tilt > config.topple_tilt else 0.0
         if self.state is StartState.DAMPED:
             self._hand_over(inputs, dt)
@@ -309,8 +326,8 @@ class Startup:
             if self._holds(bool(np.abs(sensors.v).max() < config.rest_speed), dt, config.settle_time):
                 self._begin_ramp(sensors.q)
         elif self.state is StartState.PREPARE:
-            if self._holds(bool(self._grounded), dt, config.load_time):
-                self.damp(self._grounded)
+            if self._holds(bool(self.grounded), dt, config.load_time):
+                self.damp(self.grounded)
             else:
                 self._follow_ramp(sensors.q)
         elif self.state is StartState.HELD:
@@ -355,20 +372,21 @@ class Startup:
 
     def _require(self, name: str, state: StartState) -> None:
         if self.state is not state:
-            raise CommandError(f"{name} refused in state '{self.state}', which waits for {self.waits_for or 'nothing'}")
+            next_step = f"; it waits for {self.waits_for}" if self.waits_for else ""
+            raise CommandError(f"{name} refused in state '{self.state}', it is for '{state}'{next_step}")
 
     def _require_hanging(self, name: str) -> None:
-        if self._grounded:
+        if self.grounded:
             raise CommandError(
-                f"{name} refused: {self._grounded}; hang the robot upright, its feet in the air, and call it again"
+                f"{name} refused: {self.grounded}; hang the robot upright, its feet in the air, and call it again"
             )
 
     @property
-    def _grounded(self) -> str:
+    def grounded(self) -> str:
         """Why the robot does not hang upright with its feet in the air; empty when it does."""
         if not self.tilt < self.config.tilt_max:
             return f"the base is tilted by {self.tilt:.2f} rad, {self.config.tilt_max:g} rad at most"
-        if self.load > self.config.hang_load_max:
+        if self.load - self._load_error > self.config.hang_load_max:
             return f"the feet bear {self.load:.0%} of the weight, {self.config.hang_load_max:.0%} at most"
         return ""
 
@@ -424,7 +442,7 @@ class Startup:
         if behind.max() > self.config.ramp_error:
             worst = int(behind.argmax())
             self.damp(f"joint '{self.model.joint_names[worst]}' is {behind[worst]:.2f} rad behind the ramp")
-        elif self._elapsed >= self._ramp and not self._grounded:
+        elif self._elapsed >= self._ramp and not self.grounded:
             self._enter(StartState.HANGING)
 
     def _reference(self) -> Vector:

@@ -7,6 +7,7 @@ DDS domain; the graph must have another one, or its topics would be offered to t
 
 import fcntl
 import os
+import secrets
 import socket
 import struct
 import xml.etree.ElementTree as ET
@@ -15,7 +16,7 @@ from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 
-from bridge.plants.hardware import real_robot
+from bridge.plants.hardware import SESSION, real_robot
 from bridge.ros.environment import PROFILE_VARIABLE
 from bridge.ros.processes import BRIDGE, ProcessSpec
 from models.errors import ConfigError
@@ -96,7 +97,11 @@ class RobotNetwork:
         file = state_folder("robot_network") / f"{self.interface}.xml"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(profile_text(address), encoding="utf-8")
-        environment = {PROFILE_VARIABLE: str(file), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
+        environment = {
+            PROFILE_VARIABLE: str(file),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
+            SESSION: secrets.token_hex(4),
+        }
         arguments = self.plant, robot, str(self.domain), self.options
         # without a guard the robot is held, not damped: the graph goes on
         guard = ProcessSpec(GUARD, (), True, arguments, environment, silence_max=real_robot().guard_kill)

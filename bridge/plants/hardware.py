@@ -1,9 +1,12 @@
 """What the plants of real robots share: the robot's clock, counts of its samples, thresholds, mark of a run, end."""
 
+import os
+import secrets
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from enum import IntEnum
+from functools import cache
 from pathlib import Path
 from typing import Annotated, NamedTuple, Protocol
 
@@ -19,6 +22,7 @@ from models.profile import Thresholds
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
+SESSION = "POISE_SESSION"  #: Environment variable: number of a graph, in hexadecimal digits
 MILLISECONDS = 0.001  #: Tick of a counter of milliseconds [s]
 
 
@@ -52,6 +56,12 @@ def real_robot() -> RealRobotConfig:
     return default_config(RealRobotConfig, "bridge", "real_robot")
 
 
+@cache
+def session() -> int:
+    """Number (32 bits) in the commands of a driver; the guard of the same graph has it from the same launcher."""
+    return int(os.environ[SESSION], 16) if SESSION in os.environ else secrets.randbits(32)
+
+
 class Level(IntEnum):
     """Effect of a value beyond a threshold."""
 
@@ -81,19 +91,30 @@ def beyond(what: str, value: float, unit: str, bounds: Thresholds) -> Finding | 
 class ForeignCommands:
     """Commands of other programs on a robot's network, as a rate over ``count_window``; one counts at once.
 
-    ``topic`` is named in the finding.
+    Those of the robot's own controller cannot be told apart but by their rate, which is left out while it is active.
+    When it becomes active or inactive, the count begins anew. ``topic`` is named in the finding.
     """
 
     def __init__(self, topic: str, bounds: Thresholds) -> None:
         self._topic, self._bounds = topic, bounds
-        self._window = real_robot().count_window
+        self._window, self._tolerance = real_robot().count_window, real_robot().rate_tolerance
         self._rate = 0.0  # [Hz]
+        self._own: float | None = None  # rate of the robot's own controller [Hz], None while it is not active
 
-    def step(self, count: int, dt: float) -> Finding | None:
-        """Add a number of commands, ``dt`` [s] after the last."""
+    def step(self, count: int, dt: float, own: float | None = None) -> Finding | None:
+        """Add a number of commands, ``dt`` [s] after the last; ``own`` are those of the robot's own controller [Hz]."""
+        if own != self._own:
+            self._own, self._rate = own, 0.0
         self._rate += count - min(dt / self._window, 1.0) * self._rate
-        found = beyond(f"{self._topic} of another program", self._rate, "Hz", self._bounds)
-        return None if found is None else found._replace(at_once=True)
+        others = self._rate - (1.0 + self._tolerance) * (own or 0.0)
+        found = beyond(f"{self._topic} of another program", others, "Hz", self._bounds)
+        if found is None:
+            return None
+        remedy = ": end it" if own is None else (
+            ": end it; if none runs, the robot's own controller sends them: give their rate as hardware.own_commands "
+            "of the profile"
+        )  # fmt: skip
+        return found._replace(reason=found.reason + remedy, at_once=True)
 
 
 class GuardWatch:

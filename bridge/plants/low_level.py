@@ -1,12 +1,11 @@
 """What the low-level protocols of Unitree and Booster share: one message is a state, and one commands all drives."""
 
-import secrets
 from collections.abc import Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from bridge.plants.hardware import CommandSender, RealPlant, RobotClock, real_robot
+from bridge.plants.hardware import CommandSender, RealPlant, RobotClock, real_robot, session
 from bridge.plants.monitors import HardwareMonitor, LowSample
 from controllers.joints.joint_servo import damping_command
 from models.errors import ConfigError, MessageError
@@ -81,7 +80,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         super().__init__(model, name, f"{interface}-{domain}", marker, period)
         self._hardware, self._where = hardware, f"{interface}, domain {domain}"
         self._link: LowLink
-        self._session = secrets.randbits(32)  # of this driver, in its commands
+        self._session = session()  # of this driver, in its commands
         self._clock = clock
         self.monitor = HardwareMonitor(model, hardware, period)
         self._sample: SampleT | None = None
@@ -99,9 +98,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         if self._closed:
             return self._sensors
         self.guard.step(self._link.beats())
-        foreign = sum(map(self._is_foreign, self._link.commands()))
-        if not self.vendor:  # else they may be those of the active controller
-            self._foreign += foreign
+        self._foreign += sum(map(self._is_foreign, self._link.commands()))
         waiting, self._waiting = [*self._waiting, *self._link.take()], []
         samples = [sample for message in waiting if (sample := self._use(message)) is not None]
         buttons = self._pressed.intersection(self._hardware.stop_buttons)
@@ -139,7 +136,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         if self._sample is not None and sample.sensors.t <= self._sample.sensors.t:
             return  # a repeated sample
         step, lost = self.counter.step(sample.sensors.t)
-        self.monitor.step(sample, lost, step, self._foreign)
+        self.monitor.step(sample, lost, step, self._foreign, own=bool(self.vendor))
         self._foreign = 0
         self._stop = self._stop or self._change(sample)
         self._sample = sample

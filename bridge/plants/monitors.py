@@ -54,16 +54,17 @@ class HardwareMonitor:
         """Share of states lost in the last ``count_window`` [-]."""
         return self._loss
 
-    def step(self, sample: LowSample, lost: int, dt: float, foreign: int = 0) -> None:
+    def step(self, sample: LowSample, lost: int, dt: float, foreign: int = 0, *, own: bool = False) -> None:
         """Compare a state, ``dt`` [s] after the last.
 
-        Before it, ``lost`` states did not arrive, and ``foreign`` commands of other programs were on the network.
+        Before it, ``lost`` states did not arrive, and ``foreign`` commands of other programs were on the network, those
+        of the robot's ``own`` controller included while it is active.
         """
         share = min(dt / self._window, 1.0)
         self._loss += share * (lost / (lost + 1.0) - self._loss)
         self._saturated += share * ((np.abs(sample.sensors.tau) >= self._torque_limit) - self._saturated)
         self._sample = sample
-        others = self._foreign.step(foreign, dt)
+        others = self._foreign.step(foreign, dt, self._hardware.own_commands if own else None)
         found = [finding for finding in (*self._find(sample), others) if finding is not None]
         t = sample.sensors.t
         present = {}

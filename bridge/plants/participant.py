@@ -1,6 +1,5 @@
 """A participant in a robot's DDS domain that is polled: a node without an executor, without parameters and logs."""
 
-import os
 import time
 from abc import abstractmethod
 from math import inf
@@ -15,7 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from std_msgs.msg import Bool
 
-from bridge.plants.hardware import real_robot
+from bridge.plants.hardware import real_robot, session
 from bridge.plants.low_level import LowLink
 from models.nodes.interfaces import interface
 from models.nodes.spin import log_arguments
@@ -73,17 +72,17 @@ def take_beats(subscription: Any) -> list[bool]:
 
 
 def beat_writer(node: Node) -> Any:
-    """Publisher of the heartbeats of a guard, for the driver that the same process has started."""
+    """Publisher of the heartbeats of a guard, for the driver of the same graph."""
     return node.create_publisher(Bool, _beat_topic(), SENSOR)
 
 
 def beat_reader(node: Node) -> Any:
-    """Subscription to the heartbeats of the guard that the same process has started."""
+    """Subscription to the heartbeats of the guard of the same graph."""
     return node.create_subscription(Bool, _beat_topic(), ignore, SENSOR)
 
 
 def _beat_topic() -> str:
-    return f"poise_guard_{os.getppid()}"  # the guard of another graph does not count
+    return f"poise_guard_{session():08x}"  # the guard of another graph does not count
 
 
 def ignore(message: Any) -> None:

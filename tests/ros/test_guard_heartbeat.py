@@ -11,7 +11,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from bridge.plants.ros2_control.commands import DRIVER, command_codec
+from bridge.plants.hardware import SESSION, session
+from bridge.plants.ros2_control.commands import command_codec, driver_mark
 from bridge.plants.ros2_control.config import JOINTS, read_config
 from bridge.plants.ros2_control.link import RosLink
 from bridge.ros.environment import free_domain, graph_environment
@@ -23,9 +24,8 @@ pytestmark = pytest.mark.ros
 
 def test_the_heartbeat_of_the_guard_process(monkeypatch: pytest.MonkeyPatch) -> None:
     domain, config, model = free_domain(), read_config({}), RobotModel.load("g1_hardware")
-    environment = {**os.environ, **graph_environment(domain_id=domain, network=False)}
-    monkeypatch.setattr(os, "getppid", os.getpid)  # of a driver that this process has started
-    codec = command_codec(model, config, DRIVER)
+    environment = {**os.environ, **graph_environment(domain_id=domain, network=False), SESSION: f"{session():08x}"}
+    codec = command_codec(model, config, driver_mark())
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     link = RosLink(domain, config, (JOINTS,), codec.kind)

@@ -13,7 +13,7 @@ SCRIPT = """
 import os, sys, threading, time, types
 import numpy as np
 from bridge.nodes import damping_guard
-from bridge.plants.hardware import RobotClock
+from bridge.plants.hardware import RobotClock, session
 from bridge.plants.unitree.codec import UnitreeCodec
 from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.wire import read_low_cmd
@@ -23,7 +23,7 @@ from models.types import JointCommand
 model = RobotModel.load("g1_hardware")
 zero, sent, taken = np.zeros(model.nj), [], [0]
 stiff = JointCommand(model.posture("stand"), zero, zero, 4.0 * model.kp, model.kd)
-command = UnitreeCodec(model, RobotClock(0.002, 2.0), 7).encode(stiff, 5)
+command = UnitreeCodec(model, RobotClock(0.002, 2.0), session()).encode(stiff, 5)
 
 class Link:
     def take(self):

@@ -6,14 +6,14 @@ from typing import Any
 from bridge.plants.booster.codec import GUARD_MARK, MARK, BoosterCodec, read_config
 from bridge.plants.booster.link import COMMAND
 from bridge.plants.guard import SilenceGuard
-from bridge.plants.hardware import RobotClock, real_robot
+from bridge.plants.hardware import RobotClock, real_robot, session
 from bridge.plants.participant import CommandLink
 from models.robot_model import RobotModel
 from models.types import JointCommand
 
 
 class BoosterGuard(SilenceGuard):
-    """Watches the LowCmds of the driver, which carry ``MARK``, and makes damping ones while there are none.
+    """Watches the LowCmds of the driver, which carry ``MARK`` and its session, and makes damping ones while there are none.
 
     The driver's ``last`` command, for the robot's own controller that has become active, disarms the guard.
     """
@@ -27,7 +27,7 @@ class BoosterGuard(SilenceGuard):
     def receive(self, data: bytes, now: float) -> None:
         """A LowCmd from the network at a time [s]."""
         mark = self._codec.mark(data)
-        if mark[:1] != bytes([MARK]):
+        if mark[:-1] != bytes([MARK]) + session().to_bytes(4, "little"):
             self.foreign += int(mark[:1] != bytes([GUARD_MARK]))
         elif mark[-1]:
             self._disarm()

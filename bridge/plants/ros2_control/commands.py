@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
+from bridge.plants.hardware import session
 from bridge.plants.ros2_control.config import Ros2ControlConfig
 from controllers.joints.joint_servo import drive_torque
 from models.errors import ConfigError, MessageError
@@ -33,6 +34,11 @@ DAMPING_SHARE, STIFFNESS_SHARE = 1.2, 0.4
 PVT = ("position", "velocity", "effort", "proportional", "derivative")
 _FRAME_ID = STAMP_OFFSET + STAMP_SIZE  #: Offset of ``header.frame_id`` [bytes]
 _DIMENSIONS, _LABEL = 4, 8  #: Offsets of the number of dimensions of a layout, and of the first one's label [bytes]
+
+
+def driver_mark() -> str:
+    """Mark of the driver of this process's graph."""
+    return f"{DRIVER}_{session():08x}"
 
 
 class CommandCodec(Protocol):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from bridge.plants.guard import SilenceGuard
-from bridge.plants.ros2_control.commands import DRIVER, GUARD, CommandCodec, command_codec
+from bridge.plants.ros2_control.commands import GUARD, CommandCodec, command_codec, driver_mark
 from bridge.plants.ros2_control.config import COMMAND, JOINTS, read_config
 from bridge.plants.ros2_control.link import Message, RosLink
 from bridge.plants.ros2_control.sensors import JointStateDecoder
@@ -26,7 +26,7 @@ class ControlGuard(SilenceGuard):
     def __init__(self, model: RobotModel, codec: CommandCodec) -> None:
         super().__init__(model)
         self._joints, self._codec = JointStateDecoder(model), codec
-        self._data = b""  # the last command of driver or guard
+        self._data, self._driver = b"", driver_mark()  # the last command of driver or guard; mark of the driver
         zero = np.zeros(model.nj)
         self._stamp, self._q, self._v = 0, zero, zero
         self._measured = -np.inf  # time of the newest joint state [s]
@@ -42,7 +42,7 @@ class ControlGuard(SilenceGuard):
                 self.refused += 1
             return
         mark = self._codec.mark(data)
-        if mark.startswith(DRIVER):
+        if mark == self._driver:
             self._on_command(now)
             self._data = data
         elif mark != GUARD:

@@ -1,6 +1,5 @@
 """A robot behind ros2_control: the robot as the driver program sees it."""
 
-import secrets
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from bridge.plants.hardware import Finding, ForeignCommands, Level, RealPlant, RobotClock, real_robot
-from bridge.plants.ros2_control.commands import DRIVER, GUARD, command_codec
+from bridge.plants.ros2_control.commands import GUARD, command_codec, driver_mark
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, read_config, sources
 from bridge.plants.ros2_control.link import ControlLink, Message, RosLink
 from bridge.plants.ros2_control.sensors import ImuDecoder, JointStateDecoder, WrenchDecoder
@@ -64,7 +63,7 @@ class Ros2ControlPlant(RealPlant):
         self._feet = [WrenchDecoder(model, foot) for foot in range(len(FEET))]
         age, gap = (round(limit * NANOSECONDS) for limit in (config.part_age_max, real_robot().gap_max))
         self._assembler = SampleAssembler(age, gap, feet=FEET[0] in self._sources)
-        self._mark = f"{DRIVER}_{secrets.token_hex(4)}"
+        self._mark = driver_mark()
         self._codec = command_codec(model, config, self._mark)
         self._foreign = ForeignCommands("command", config.foreign_commands)
         self._others: Finding | None = None  # commands of other programs

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bridge.plants.guard import SilenceGuard
+from bridge.plants.hardware import session
 from bridge.plants.participant import CommandLink
 from bridge.plants.unitree.codec import GUARD_MARK, MARK, joint_command, set_command
 from bridge.plants.unitree.link import COMMAND
@@ -14,7 +15,7 @@ from models.types import JointCommand
 
 
 class DampingGuard(SilenceGuard):
-    """Watches the LowCmds of the driver, which carry ``MARK``, and makes damping ones while there are none.
+    """Watches the LowCmds of the driver, which carry ``MARK`` and its session, and makes damping ones while there are none.
 
     The driver's first command is what releases the robot's own controller. The driver's ``last`` command, for the
     robot's own controller that has become active, disarms the guard.
@@ -31,8 +32,9 @@ class DampingGuard(SilenceGuard):
         except MessageError:
             self.refused += 1
             return
-        if record["reserve"][0] != MARK:
-            self.foreign += int(record["reserve"][0] != GUARD_MARK)
+        mark, number = record["reserve"][0], record["reserve"][2]
+        if (mark, number) != (MARK, session()):
+            self.foreign += int(mark != GUARD_MARK)
         elif record["reserve"][3]:
             self._disarm()
         else:

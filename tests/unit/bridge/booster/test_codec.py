@@ -19,7 +19,7 @@ from bridge.plants.booster.codec import (
     unpack,
 )
 from bridge.plants.booster.guard import BoosterGuard
-from bridge.plants.hardware import RobotClock, real_robot
+from bridge.plants.hardware import RobotClock, real_robot, session
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand
@@ -124,16 +124,18 @@ def test_commands_of_other_programs_are_recognised(model: RobotModel, config: Bo
 def test_the_guard_damps_after_the_silence_and_not_after_the_last_command(
     model: RobotModel, config: BoosterConfig
 ) -> None:
-    guard, codec, command = BoosterGuard(model, {}), codec_of(model, config, 7), random_command(model)
+    guard, codec, command = BoosterGuard(model, {}), codec_of(model, config, session()), random_command(model)
     guard.receive(pack(np.zeros(1, low_cmd(model.nj))[0]), 0.0)
     assert guard.foreign == 1 and not guard.armed
+    guard.receive(codec_of(model, config, session() ^ 1).encode(command), 0.5)  # a driver of another graph
+    assert guard.foreign == 2 and not guard.armed
     guard.receive(codec.encode(command), 1.0)
     assert guard.step(1.0 + 0.9 * SILENCE) is None
     made = guard.step(1.0 + 1.1 * SILENCE)
     assert made is not None and guard.active and not codec.is_foreign(made)
     guard.receive(made, 1.03)  # it receives its own
     later = guard.step(2.0)
-    assert later is not None and guard.foreign == 1
+    assert later is not None and guard.foreign == 2
     damping = codec.decode_command(later)
     assert not np.any(damping.kp) and not np.any(damping.tau) and np.all(damping.kd)
     guard.receive(codec.encode(command, last=True), 2.1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.launch.robot_network import LOOPBACK, RobotNetwork, interface_address, profile_text
-from bridge.plants.hardware import RobotClock, real_robot
+from bridge.plants.hardware import RobotClock, real_robot, session
 from bridge.plants.monitors import HardwareMonitor
 from bridge.plants.unitree.codec import UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.guard import DampingGuard
@@ -28,7 +28,7 @@ def hardware() -> RobotModel:
 
 def command_of(model: RobotModel) -> bytes:
     rows = np.ones((5, model.nj))
-    return UnitreeCodec(model, RobotClock(0.002, 1.0)).encode(JointCommand(*rows), 5)
+    return UnitreeCodec(model, RobotClock(0.002, 1.0), session()).encode(JointCommand(*rows), 5)
 
 
 def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> None:
@@ -67,13 +67,18 @@ def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
     assert guard.refused == 1 and guard.step(1.0) is None and not guard.armed
     other = new_low_cmd()
     guard.receive(write_low_cmd(other), 0.0)
-    assert guard.foreign == 1 and guard.step(1.0) is None and not guard.armed
+    driver = UnitreeCodec(g1, RobotClock(0.002, 1.0), session() ^ 1)  # of another graph
+    guard.receive(driver.encode(JointCommand(*np.ones((5, g1.nj))), 5), 0.0)
+    assert guard.foreign == 2 and guard.step(1.0) is None and not guard.armed
 
 
 def test_the_guard_does_not_damp_after_the_drivers_last_command(g1: RobotModel) -> None:
     guard, rows = DampingGuard(g1), np.ones((5, g1.nj))
     guard.receive(command_of(g1), 0.0)
-    guard.receive(UnitreeCodec(g1, RobotClock(0.002, 1.0)).encode(JointCommand(*rows), 5, last=True), 0.002)
+    for number in (session() ^ 1, session()):
+        assert guard.armed
+        last = UnitreeCodec(g1, RobotClock(0.002, 1.0), number).encode(JointCommand(*rows), 5, last=True)
+        guard.receive(last, 0.002)
     assert not guard.armed and guard.step(1.0) is None
 
 
@@ -87,12 +92,13 @@ def test_the_guard_process_names_what_it_cannot_start_with(plant: str, robot: st
 
 def test_commands_of_other_programs_are_recognised(g1: RobotModel) -> None:
     rows = JointCommand(*np.ones((5, g1.nj)))
-    own, other = (UnitreeCodec(g1, RobotClock(0.002, 1.0), session).encode(rows, 5) for session in (7, 8))
-    assert not is_foreign(own, 7) and is_foreign(other, 7) and is_foreign(write_low_cmd(new_low_cmd()), 7)
+    mine = session()
+    own, other = (UnitreeCodec(g1, RobotClock(0.002, 1.0), each).encode(rows, 5) for each in (mine, mine ^ 1))
+    assert not is_foreign(own, mine) and is_foreign(other, mine) and is_foreign(write_low_cmd(new_low_cmd()), mine)
     guard = DampingGuard(g1)
-    guard.receive(other, 0.0)
+    guard.receive(own, 0.0)
     made = guard.step(1.0)
-    assert made is not None and not is_foreign(made, 7)
+    assert made is not None and not is_foreign(made, mine ^ 1)
 
 
 def monitor_of(model: RobotModel) -> HardwareMonitor:

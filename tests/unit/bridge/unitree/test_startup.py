@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from bridge.driver.foot_load import FootLoad
 from bridge.driver.startup import StartInputs, StartState, Startup
 from bridge.plants.base import standing_torques
 from controllers.joints.joint_servo import drive_torque
@@ -13,6 +14,21 @@ from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData, Vector
 
 DT = 0.002
+
+
+@pytest.mark.parametrize("knee", [0.1, 0.3, 0.5])
+def test_the_load_of_bent_legs_counts_beyond_its_error(g1: RobotModel, knee: float) -> None:
+    load, q, legs = FootLoad(g1), np.zeros(g1.nj), [foot.joint_ids_v for foot in g1.feet]
+    for leg in legs:
+        q[np.array(leg) - 6] = [-0.5 * knee, 0.0, 0.0, knee, -0.5 * knee, 0.0]
+    zero, up, feet = np.zeros(g1.nj), np.array([0.0, 0.0, GRAVITY]), np.full((2, 6), np.nan)
+    standing, off = standing_torques(g1, q, g1.data()), np.zeros(g1.nj)
+    off[np.array(legs)[:, 3] - 6] = 0.2  # friction of the knees
+    hanging = pin.computeGeneralizedGravity(g1.pin, g1.data(), np.concatenate([[0, 0, 0, 0, 0, 0, 1], q]))[6:]
+    load.update(SensorData(0.0, q, zero, standing, zero[:3], up, feet))
+    assert load.load == pytest.approx(1.0, abs=0.02) and load.load - load.error > 0.5
+    load.update(SensorData(0.0, q, zero, hanging + off, zero[:3], up, feet))
+    assert abs(load.load) < load.error
 
 
 class Bench:
@@ -364,9 +380,9 @@ def test_after_a_crash_nothing_is_commanded_before_robot_and_controller_are_know
     for _ in range(4000):
         assert bench.tick() is None
         if bench.t < 4.0:
-            assert "start/damp" not in bench.startup.waits_for
+            assert "start damp" not in bench.startup.waits_for
     assert str(unknown["doubts"][0]) in bench.startup.waits_for  # type: ignore[index]
-    assert "hold it by its rope, then switch it off, or call start/damp" in bench.startup.waits_for
+    assert "hold it by its rope, then switch it off, or poise start damp" in bench.startup.waits_for
     bench.startup.damp("start/damp was called")  # the operator sees the robot
     assert bench.tick() is not None and bench.startup.state is StartState.DAMPED
 
