@@ -295,7 +295,7 @@ class ControlStack:
     def supervise(self, t: float, *, drivers_damped: bool = False, hardware: tuple[str, ...] = ()) -> Mode:
         """Update the supervisor at time ``t`` [s], also when no sample arrives; returns the mode from now on.
 
-        ``hardware`` are the holds of a real robot's monitors. A walk comes to a standstill under a hold.
+        ``hardware`` are the holds of a real robot's monitors. A hold ends a walk.
         """
         status = self.status
         health = Health(
@@ -310,11 +310,12 @@ class ControlStack:
             hardware=hardware,
             coasting=0.0 if self._estimator is None else self.estimator.health.coasting,
         )
-        free = not self.supervisor.holds
         mode = self.supervisor.update(health, t)
         self.enter(mode)
-        if self.walking and free and self.supervisor.holds:
+        if self.supervisor.take_velocity() is not None:
             self.velocity_input.stop()
+        if self.supervisor.take_motion() is not None:
+            self.stop_motion()
         return mode
 
     # Outputs

@@ -157,7 +157,7 @@ class Trial:
         elif row.expect == "goes on":
             ok = ok and not loop.plant.holds
         if row.expect != "damps":
-            ok = ok and loop.stack.mode is (Mode.WALK if row.walk else Mode.STAND)
+            ok = ok and loop.stack.mode is (Mode.WALK if row.walk and row.expect == "goes on" else Mode.STAND)
         reason = "; ".join(dict.fromkeys(filter(None, reasons)))
         on_time = row.within is None or (self._reacted is not None and self._reacted <= row.within)
         seen = f"start '{loop.startup.state}'"

@@ -102,6 +102,11 @@ class Client:
         self.status = status
         self.mode = self.mode or status.mode.value  # ``mode`` itself may be discovered later
 
+    @property
+    def holds(self) -> str:
+        """Why no walk may go on; empty without a reason."""
+        return "" if self.status is None else "; ".join(self.status.holds)
+
     def robot(self, timeout: float = 10.0) -> str:
         """Profile name of the running robot, from its supervisor's status; ``CommandError`` after ``timeout`` [s]."""
         self.expect(lambda: self.status is not None, timeout, "robot on", topics.SUPERVISOR_STATUS)

@@ -62,8 +62,9 @@ class RobotClock:
 def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     """Request mode walk, repeat a velocity for ``seconds`` of the robot's time, stop, and wait until it stands.
 
-    ``velocity`` is forward [m/s], left [m/s], turn [rad/s]. The reply is accepted when the robot stands again. Raises
-    ``CommandError`` without a subscriber or an answer, ``MessageError`` when the velocity is not finite.
+    ``velocity`` is forward [m/s], left [m/s], turn [rad/s]. The reply is accepted when the robot stands again after the
+    whole time; a hold ends the walk. Raises ``CommandError`` without a subscriber or an answer, ``MessageError`` when
+    the velocity is not finite.
     """
     message = velocity_to_twist(velocity)
     velocity_from_twist(message)
@@ -80,11 +81,13 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     subscribe_status(client.node, GaitStatus, topics.GAIT_STATUS, lambda s: limits.append(s.limited), LATCHED)
     clock = RobotClock(client)
     end = clock.now() + seconds
-    while (left := end - clock.now()) > 0.0 and client.mode == Mode.WALK.value:
+    while (left := end - clock.now()) > 0.0 and client.mode == Mode.WALK.value and not client.holds:
         publisher.publish(message)
         client.spin(min(PERIOD, left))
     limit = next((f"; {text}" for text in reversed(limits) if text), "")
-    return _stand(client, clock, f"walked for {seconds:g} s{limit}")
+    held = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
+    stood = _stand(client, clock, held or f"walked for {seconds:g} s{limit}")
+    return CommandReply(stood.accepted and not held, stood.reason)
 
 
 def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
@@ -141,7 +144,8 @@ def reset(client: Client) -> CommandReply:
 
 def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
     if client.mode != Mode.WALK.value:
-        return CommandReply(False, f"the walk was ended from elsewhere: mode '{client.mode}'")
+        why = f"held: {client.holds}" if client.holds else "ended from elsewhere"
+        return CommandReply(False, f"the walk was {why}; mode '{client.mode}'")
     reply = client.trigger("mode/stand")
     if not reply.accepted:
         return reply

@@ -74,7 +74,7 @@ class HealthTopics:
         self._control = NO_CONTROL
         self._coasting_since: int | None = None
         self._gait = GaitStatus(ready=False, settled=True)
-        self._hardware: tuple[str, ...] = ()
+        self.start_status: StartStatus | None = None  #: Of a real robot; None before its first report, or in simulation
         self._alive: dict[str, float] = {}
         self._last_stamps, self._silence = [0, 0], [0, 0]  # of state and command [ns]
         self._checked = 0  # time of the plant at the last check [ns]
@@ -180,6 +180,7 @@ class HealthTopics:
         """
         arming_time, oldest = config.controller_timeout, time.monotonic() - config.heartbeat_timeout
         armed = self.now - self._started > arming_time * NANOSECONDS
+        holds = () if self.start_status is None else self.start_status.holds
         late = round(config.heartbeat_timeout * NANOSECONDS)
         advance, self._checked = min(self.now - self._checked, CHECK_MAX), self.now
         return Health(
@@ -194,7 +195,7 @@ class HealthTopics:
             coasting=0.0 if self._coasting_since is None else (self.now - self._coasting_since) / NANOSECONDS,
             silent=tuple(name for name, seen in self._alive.items() if seen < oldest),
             intruders=self.intruders,
-            hardware=self._hardware,
+            hardware=tuple(reason[:REASON_MAX] for reason in holds),
             joint_fault=self._control.joint_fault if driver_state == topics.ACTIVE else "",
         )
 
@@ -235,7 +236,7 @@ class HealthTopics:
         self._gait = status
 
     def _on_start(self, status: StartStatus) -> None:
-        self._hardware = tuple(reason[:REASON_MAX] for reason in status.holds)
+        self.start_status = status
 
     def _on_node(self, status: NodeStatus) -> None:
         if status.name in WATCHED:

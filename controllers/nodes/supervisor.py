@@ -15,7 +15,7 @@ from controllers.commands.arbitration import PLAIN, ArbitrationConfig
 from controllers.commands.command_signature import Verifier, read_key
 from controllers.commands.obstacle_stop import ObstacleStop, ObstacleStopConfig
 from controllers.nodes.command_topics import CommandTopics
-from controllers.nodes.health_topics import HealthTopics
+from controllers.nodes.health_topics import REASON_MAX, HealthTopics
 from controllers.nodes.preflight_probe import PreflightProbe
 from controllers.safety.health import SupervisorConfig, fallen
 from controllers.safety.preflight import attitude, preflight
@@ -131,7 +131,7 @@ class SupervisorNode(PoiseNode):
             self._probe.stop()
             evidence = self._probe.evidence(self._reports.description, self._reports.incompatible)
             findings = preflight(self.model, self._config, evidence, self._rates)
-            findings = (*self._hanging(), *self._reports.intruders, *findings)
+            findings = (*self._unsupported(), *self._reports.intruders, *findings)
             if [cause_of(finding) for finding in findings] != [cause_of(finding) for finding in law.preflight]:
                 self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
             law.set_preflight(findings)
@@ -141,9 +141,14 @@ class SupervisorNode(PoiseNode):
         self._publish_mode()
         self._commands.publish()
 
-    def _hanging(self) -> tuple[str, ...]:
-        """Why a robot without load on its feet cannot stand."""
-        return ("the robot hangs in the air: let it down first",) if self._driver_state == topics.HANGING else ()
+    def _unsupported(self) -> tuple[str, ...]:
+        """Why a robot that hangs, or a real one that is damped, cannot stand: what its start waits for."""
+        start = self._reports.start_status
+        if start is not None and self._driver_state in (topics.HANGING, topics.DAMPED):
+            return (f"start '{start.state}' waits for {start.waits_for[:REASON_MAX]}",)
+        if self._driver_state == topics.HANGING:
+            return ("the robot hangs in the air: let it down first (simulated: poise hang --down)",)
+        return ()
 
     def _watch(self) -> None:
         if self._driver_state == topics.RELAXING:
@@ -154,7 +159,11 @@ class SupervisorNode(PoiseNode):
             self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
         else:
             health, before = self._reports.health(self._driver_state, self._config), self._law.faults
+            held = [cause_of(hold) for hold in self._law.holds]
             self._law.update(health, self._reports.t)
+            if [cause_of(hold) for hold in self._law.holds] != held:
+                self.get_logger().warning(f"hold: {'; '.join(self._law.holds) or 'over'}")
+                self._report()
             message = Clock()
             set_stamp(message.clock, self._reports.state_stamp)
             self._time.publish(message)
@@ -214,8 +223,11 @@ class SupervisorNode(PoiseNode):
         """Request a mode from the law with the newest attitude: a damped robot may have fallen just now."""
         law = self._law
         if law.mode not in ACTIVE_MODES and (law.fallen or not law.preflight):
-            law.set_preflight(tuple(attitude(self._config, self._reports.tilt)))
-        return law.request(mode)
+            law.set_preflight((*self._unsupported(), *attitude(self._config, self._reports.tilt)))
+        reply = law.request(mode)
+        if mode is Mode.OFF and reply.accepted and self._reports.start_status is not None:
+            return CommandReply(True, "off: the drives of a real robot stay damped until it is switched off")
+        return reply
 
     def _set_mode(self, name: str) -> CommandReply:
         if name not in _SERVED:
@@ -260,7 +272,7 @@ class SupervisorNode(PoiseNode):
                 self._probe_until = time.monotonic()
         elif message.data == topics.HANGING:
             self._law.reset()
-            self._law.set_preflight(self._hanging())
+            self._law.set_preflight(self._unsupported())
         elif message.data == topics.ACTIVE and before == "":
             self._law.reset(Mode.STAND)
             self._law.set_preflight(())

@@ -4,7 +4,7 @@ The law:
 
     off -> damp -> stand <-> motion        stand <-> walk where there is a gait planner; some motions while walking
 
-    fault of severity hold                 no velocity and no new motion, while the cause lasts
+    fault of severity hold                 walk -> stand, and no velocity and no new motion, while the cause lasts
                       stand                walk, motion -> stand, latched until the robot stands without the cause, or
                                            ``reset_faults``
                       damp                 any but off -> damp, latched until ``reset_faults``
@@ -90,13 +90,23 @@ class Supervisor:
             return self._refuse(mode, f"name a motion instead: {', '.join(self.config.motions)}")
         if self.mode in (Mode.MOTION, Mode.WALK):
             return self._stop()
-        if self.fallen:
-            return self._refuse(mode, "; ".join(("the robot has fallen", GET_UP, *self.faults, *self.preflight)))
-        if self.faults:
-            return self._refuse(mode, f"latched faults: {'; '.join(self.faults)}; call reset_faults first")
-        if self.preflight:
-            return self._refuse(mode, f"preflight: {'; '.join(self.preflight)}")
+        if self._lame:
+            return self._refuse(mode, self._lame)
         return self._enter(Mode.STAND, "standing")
+
+    @property
+    def _lame(self) -> str:
+        """Why the robot cannot stand; empty when it can."""
+        if self.fallen:
+            return "; ".join(("the robot has fallen", GET_UP, *self.faults, *self.preflight))
+        if self.faults:
+            return f"latched faults: {'; '.join(self.faults)}; call reset_faults first"
+        return f"preflight: {'; '.join(self.preflight)}" if self.preflight else ""
+
+    @property
+    def _to_stand(self) -> str:
+        """What a robot that is not active needs first."""
+        return "request 'stand' first" + (f", which is refused: {self._lame}" if self._lame else "")
 
     def text(self, command: str) -> CommandReply:
         """Execute a text command such as ``"wave"`` or ``"Please wave."``, or reply with the reason of the refusal."""
@@ -144,7 +154,7 @@ class Supervisor:
         if self.mode is Mode.WALK and (self._barred or not moving or not self.still):
             return CommandReply(True, "velocity accepted")
         if self.mode not in (Mode.STAND, Mode.WALK):
-            return self._refuse(Mode.WALK, "send 'stop' first" if self.mode is Mode.MOTION else "request 'stand' first")
+            return self._refuse(Mode.WALK, "send 'stop' first" if self.mode is Mode.MOTION else self._to_stand)
         if not self.config.walk_on_velocity and self.mode is Mode.STAND:
             return self._refuse(Mode.WALK, "request mode/walk first")
         if not moving:
@@ -220,7 +230,7 @@ class Supervisor:
             self.faults = tuple(reason for reason in self.faults if reason not in over)
         if self.motion is not None:
             self._follow_motion(health.motion_active, t)
-        if self.mode is Mode.WALK and not self.gait and not self._halting:
+        if self.mode is Mode.WALK and (self.holds or not self.gait) and not self._halting:
             self._stop()
         if self._halting and not health.gait_active:
             self._enter(Mode.STAND, "standstill")
@@ -252,7 +262,7 @@ class Supervisor:
                 return CommandReply(False, f"'{name}' refused: the robot comes to a standstill")
             self._motion_seen, self._motion_since = False, None
         elif self.mode is not Mode.STAND:
-            return CommandReply(False, f"'{name}' refused in mode '{self.mode.value}'; request 'stand' first")
+            return CommandReply(False, f"'{name}' refused in mode '{self.mode.value}'; {self._to_stand}")
         else:
             self._enter(Mode.MOTION, name)
         self.motion = self._pending = name
@@ -267,7 +277,7 @@ class Supervisor:
             self._halting = False
             return CommandReply(True, "walk: continues")
         if self.mode is not Mode.STAND:
-            return self._refuse(Mode.WALK, "request 'stand' first")
+            return self._refuse(Mode.WALK, self._to_stand)
         return self._enter(Mode.WALK, "steps when a velocity is commanded")
 
     def _gait_word(self, word: str) -> CommandReply:

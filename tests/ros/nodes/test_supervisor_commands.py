@@ -252,13 +252,26 @@ def test_a_monitor_of_a_real_robot_ends_a_velocity_and_a_walk_to_a_goal(
     bench.wait(lambda: start.get_subscription_count() == 1 and route.get_subscription_count() == 1)
     assert world.call("mode/walk")[0]
     sources.until(ahead, (sources.plain, ahead))
-    start.publish(StartStatus("stand", holds=("motor temperature of 'left_knee_joint'",)))
+    hot = StartStatus("stand", holds=("motor temperature of 'left_knee_joint'",))
+    start.publish(hot)
     sources.until(still, (sources.plain, ahead))
-    halted.clear()
-    route.publish(RouteStatus(RouteState.RUNNING, 9))
-    bench.wait(lambda: halted)
+    sources.gait.publish(GaitStatus(ready=True, settled=True))
+    bench.wait(lambda: world.modes[-1] == "stand")
     start.publish(StartStatus("stand"))
-    sources.until(ahead, (sources.plain, ahead))
+
+    def refused() -> bool:
+        sources.plain.publish(velocity_to_twist(ahead))
+        bench.spin(0.05)
+        return "walks again after a zero or a pause" in sources.refusal
+
+    bench.wait(refused)
+    assert world.modes[-1] == "stand"
+    assert world.call("mode/walk")[0]
+    route.publish(RouteStatus(RouteState.RUNNING, 9))
+    bench.spin(0.2)
+    halted.clear()
+    start.publish(hot)
+    bench.wait(lambda: halted)
 
 
 def test_with_a_key_words_are_signed_and_all_but_stop_is_refused_without(

@@ -13,7 +13,7 @@ from controllers.nodes.supervisor import SupervisorNode
 from models.nodes import topics
 from models.nodes.qos import EVENT, LATCHED
 from models.robot_model import RobotModel
-from models.status import ControlStatus, EstimatorStatus, GaitStatus
+from models.status import ControlStatus, EstimatorStatus, GaitStatus, StartStatus
 from models.types import SolveStatus
 from tests.ros.conftest import StatusTopic
 from tests.ros.supervisor_world import World
@@ -63,6 +63,24 @@ def test_a_robot_that_has_fallen_is_not_armed(bench: Any, world: World, g1: Robo
         return "base tilted by 1.50 rad" in reason
 
     bench.wait(refused)
+
+
+def test_a_real_robot_that_hangs_or_is_damped_is_refused_with_what_its_start_waits_for(
+    bench: Any, world: World, g1: RobotModel
+) -> None:
+    world.robot(g1)
+    bench.add(SupervisorNode, lockstep=True)
+    start = StatusTopic(bench.world, topics.START_STATUS, LATCHED)
+    bench.wait(lambda: start.get_subscription_count() == 1)
+    for state, drivers, waits in (
+        ("hanging", topics.HANGING, "the operator: poise start lower"),
+        ("damped", topics.DAMPED, "the operator: hang the robot up, then poise start prepare"),
+    ):
+        start.publish(StartStatus(state, waits))
+        world.drivers(drivers)
+        bench.wait(lambda: f"start '{state}' waits for {waits}" in world.call("mode/stand")[1])
+        assert not world.call("mode/stand")[0] and world.modes[-1] == "off"
+    assert "a real robot stay damped" in world.call("mode/off")[1]
 
 
 def test_only_a_request_damps_a_robot_that_relaxes(bench: Any, world: World, g1: RobotModel) -> None:

@@ -261,11 +261,13 @@ def test_a_second_publisher_ends_a_motion_where_it_is(standing: Supervisor) -> N
 
 def test_a_hold_ends_with_its_cause(walker: Supervisor) -> None:
     assert walker.text("walk").accepted
-    walker.update(SILENT, 1.0)
-    assert walker.mode is Mode.WALK and walker.still
+    walker.update(replace(SILENT, gait_active=True), 1.0)
+    assert walker.mode is Mode.WALK and walker.still and walker.take_velocity() == (0.0, 0.0, 0.0)
     assert "node 'motion_planner' gives no sign of life" in walker.text("wave").reason
-    assert not walker.text("forward").accepted
+    assert not walker.text("forward").accepted and walker.drive(True, fresh=False).accepted
+    assert walker.update(SILENT, 1.02) is Mode.STAND
     walker.update(WELL, 1.05)
+    assert "walks again after a zero or a pause" in walker.drive(True, fresh=False).reason
     assert not walker.still
     assert walker.text("wave").accepted
     assert not walker.faults
@@ -343,7 +345,10 @@ def test_a_velocity_that_goes_on_after_a_stop_begins_no_walk(walker: Supervisor,
         walker.update(WELL, 1.0)
     else:
         walker.fault("tipped over") if way == "fault" else walker.request(Mode.DAMP)
-        assert "request 'stand' first" in walker.drive(True, fresh=False).reason
+        why = "tipped over" if way == "fault" else "preflight"
+        assert f"request 'stand' first, which is refused: {'latched faults: ' * (way == 'fault')}{why}" in (
+            walker.drive(True, fresh=False).reason
+        )
         walker.reset_faults()
         walker.set_preflight(())
         assert walker.request(Mode.STAND).accepted
