@@ -22,10 +22,13 @@ ROPE_SPEED = 0.05  #: At which the rope is let out [m/s]
 PUSH = 12.0, 0.1  #: Impulse of a push to the left [N.s] and its duration [s]
 HOT = 91.0  #: Temperature of all motors when hot [degree Celsius]
 COLD = 35.0  #: ... and when not [degree Celsius]
+LOW, FULL = 41.0, 50.0  #: Voltage of an empty battery, and of a full one [V]
 HELP = """\
   press   press and release button B of the remote controller
   lower   let out the rope at 5 cm/s         free   take the rope off its hook
-  push    12 N.s to the left                 hot, cold   motors at 91 or 35 degrees
+  raise   tie the rope and wind it up        push   12 N.s to the left
+  hot, cold   motors at 91 or 35 degrees     low, full   battery at 41 or 50 V
+  other, alone   another program commands    type4, type5   mode_machine
   cut, plug   the cable                      show   the true state      end"""
 
 
@@ -51,10 +54,17 @@ def state(robot: RobotProcess) -> str:
 ACTS: dict[str, Callable[[RobotProcess], object]] = {
     "press": press,
     "lower": lambda robot: robot("set", "rope_speed", ROPE_SPEED),
+    "raise": lambda robot: (robot("tie"), robot("set", "rope_speed", -ROPE_SPEED)),
     "free": lambda robot: robot("set", "hooked", False),
     "push": lambda robot: robot("push", 0.0, PUSH[0] / PUSH[1], 0.0, PUSH[1]),
     "hot": lambda robot: robot("fill", "temperature", HOT),
     "cold": lambda robot: robot("fill", "temperature", COLD),
+    "low": lambda robot: robot("fill", "voltage", LOW),
+    "full": lambda robot: robot("fill", "voltage", FULL),
+    "other": lambda robot: robot("other", True),
+    "alone": lambda robot: robot("other", False),
+    "type4": lambda robot: robot("set", "mode_machine", 4),
+    "type5": lambda robot: robot("set", "mode_machine", 5),
     "cut": lambda robot: robot("connect", False),
     "plug": lambda robot: robot("connect", True),
     "show": state,

@@ -23,7 +23,8 @@ import numpy as np
 from bridge.plants.deviation import Deviation
 from bridge.plants.gantry import STEP
 from bridge.plants.unitree.simulated import GantryRobot
-from bridge.plants.unitree.wire import read_low_cmd
+from bridge.plants.unitree.codec import ENABLED
+from bridge.plants.unitree.wire import new_low_cmd, read_low_cmd, write_low_cmd
 from models.config import parse_config
 from models.nodes.realtime import use_fifo
 from models.types import JointCommand
@@ -114,18 +115,26 @@ class RosSide(TimedSide):
         _, self._node = join(domain, "robot")
         best = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._states = self._node.create_publisher(find("unitree_hg", "msg", "LowState"), "lowstate", best)
-        self._commands = self._node.create_subscription(
-            find("unitree_hg", "msg", "LowCmd"), "lowcmd", ignore, SENSOR, raw=True
-        )
+        self._kind = find("unitree_hg", "msg", "LowCmd")
+        self._commands = self._node.create_subscription(self._kind, "lowcmd", ignore, SENSOR, raw=True)
         request, self._response = (find("unitree_api", "msg", name) for name in ("Request", "Response"))
         self._requests = self._node.create_subscription(request, "api/motion_switcher/request", ignore, 10)
         self._responses = self._node.create_publisher(self._response, "api/motion_switcher/response", 10)
+        self._other: Any = None  # publisher of another program's commands, and whether it publishes
+        self.other = False
         self._version, self._release = VERSION, RELEASE
         self.sent: dict[int, float] = {}  #: Times of the states by tick [s]
 
     def exchange(self) -> None:
         """Publish the present state, and serve what is requested."""
         data = self._robot.state()
+        if self.other:
+            self._other = self._other or self._node.create_publisher(self._kind, "lowcmd", 1)
+            record = new_low_cmd()
+            record["mode_machine"] = self._robot.mode_machine
+            motors = record["motor_cmd"][: self._robot.model.nj]
+            motors["mode"], motors["kd"] = ENABLED, self._robot.model.kd
+            self._other.publish(write_low_cmd(record))
         if self.connected:
             self.sent[self._robot.tick] = time.monotonic()
             self._states.publish(data)
@@ -245,6 +254,16 @@ class Program:
     def connect(self, connected: bool) -> bool:
         """Plug the network in or out (ros only)."""
         self.side.connected = connected
+        return True
+
+    def other(self, on: bool) -> bool:
+        """Another program damps the robot with every state, or ends (ros only)."""
+        self.side.other = on
+        return True
+
+    def tie(self) -> bool:
+        """Tie the rope to the robot where it is."""
+        self.robot.tie()
         return True
 
     def push(self, x: float, y: float, z: float, duration: float) -> bool:

@@ -1,5 +1,7 @@
 """Commands to a running robot: texts, modes, walks, reaching, calibrations and the crane."""
 
+import select
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +16,7 @@ MODE_SERVICES = {
 }  #: Services of ``poise mode`` by their word
 #: Words of ``poise start``
 START_STEPS = tuple(name.removeprefix(topics.START) for name in topics.START_SERVICES)
+STOPS = ("damp", "estop")  #: May be repeated, and must be quick
 CALIBRATIONS = ("imu", "joints", "feet", "show", "rollback")  #: Words of ``poise calibrate``
 CALIBRATION_TIMEOUT = 400.0  #: Longest wait for a calibration [s]; the estimator gives up before
 
@@ -32,7 +35,7 @@ def mode(
     if name not in MODE_SERVICES:
         raise typer.BadParameter(f"unknown mode '{name}'; known: {', '.join(MODE_SERVICES)}")
     with connected(network, namespace) as client:
-        raise typer.Exit(print_reply(client.trigger(MODE_SERVICES[name])))
+        raise typer.Exit(print_reply(client.trigger(MODE_SERVICES[name], at_once=name in STOPS)))
 
 
 def start(
@@ -40,6 +43,9 @@ def start(
         str,
         typer.Argument(help="confirm_gantry, prepare, lower, relax or damp.", autocompletion=lambda: list(START_STEPS)),
     ],
+    on_enter: Annotated[
+        bool, typer.Option("--on-enter", help="Join the graph now, and take the step each time that Enter is pressed.")
+    ] = False,
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
@@ -47,7 +53,18 @@ def start(
     if step not in START_STEPS:
         raise typer.BadParameter(f"unknown step '{step}'; known: {', '.join(START_STEPS)}")
     with connected(network, namespace) as client:
-        raise typer.Exit(print_reply(client.trigger(f"{topics.START}{step}")))
+        service = f"{topics.START}{step}"
+        if on_enter:
+            say(f"{client.robot()}, Enter: {step}; Ctrl-C ends only this")
+            while client.wait(_typed, float("inf")) and sys.stdin.readline():
+                print_reply(client.trigger(service, at_once=step in STOPS))
+            raise typer.Exit
+        raise typer.Exit(print_reply(client.trigger(service, at_once=step in STOPS)))
+
+
+def _typed() -> bool:
+    """Whether a line waits at the standard input."""
+    return bool(select.select([sys.stdin], [], [], 0.0)[0])
 
 
 def status(network: Network = False, namespace: Namespace = "") -> None:

@@ -124,7 +124,7 @@ class HardwareDrivers(Drivers):
             )
         super().set_mode(mode)
         if mode is Mode.DAMP and startup.commands:
-            startup.damp("mode damp was requested")
+            startup.damp("mode damp was requested; faults of poise status say whether by the supervisor")
 
     def relax(self) -> str:
         """Let a robot sink that has stopped in a low posture; ``CommandError`` for any other."""

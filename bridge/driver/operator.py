@@ -11,11 +11,12 @@ from std_srvs.srv import Trigger
 from bridge.driver.drivers import HardwareDrivers
 from models.errors import PoiseError
 from models.nodes import topics
-from models.nodes.base import PoiseNode
+from models.nodes.base import PoiseNode, cause_of
 from models.nodes.qos import LATCHED
 from models.status import StartStatus
 
-VALUES_PERIOD = 1.0  #: Between two updates of the monitors' values in the status [s]
+VALUES_PERIOD = 1.0  #: Between two updates of the monitors' values in the status, and two lines of the log [s]
+STALE_MIN = 1.0  #: Silence of the robot after which the values of its last state are not shown [s]
 
 
 class StartServices:
@@ -29,7 +30,7 @@ class StartServices:
         self._node, self._drivers, self._on_change = node, drivers, on_change
         self._publish = node.announce_status(topics.START_STATUS, LATCHED)
         self._published: StartStatus | None = None
-        self._state = ""
+        self._logged, self._log_due = ("", ""), 0.0  # state and cause
         self._values: tuple[str, ...] = ()
         self._values_due = 0.0
         startup = drivers.startup
@@ -58,18 +59,22 @@ class StartServices:
         self._node.serve(Trigger, name, on_call)
 
     def publish(self) -> None:
-        """Publish the status if it has changed; log each change of the state."""
+        """Publish the status if it has changed; log each change of the state, and of what it waits for."""
         startup, plant = self._drivers.startup, self._drivers.plant
+        stale = self._drivers.stale
+        warnings = (*plant.warnings, f"no state of the robot for {stale:.0f} s") if stale > STALE_MIN else plant.warnings
         if (now := time.monotonic()) >= self._values_due:
             self._values_due = now + VALUES_PERIOD
-            self._values = tuple(f"{name}: {value}" for name, value in plant.monitored.items())
+            monitored = {} if stale > STALE_MIN else plant.monitored
+            self._values = tuple(f"{name}: {value}" for name, value in monitored.items())
         remote = _last_sign(plant.remote_age)
-        status = StartStatus(str(startup.state), startup.waits_for, plant.warnings, plant.holds, self._values, remote)
+        status = StartStatus(str(startup.state), startup.waits_for, warnings, plant.holds, self._values, remote)
+        told = status.state, cause_of(status.waits_for)
+        if told != self._logged and (told[0] != self._logged[0] or now >= self._log_due):
+            self._logged, self._log_due = told, now + VALUES_PERIOD
+            self._node.get_logger().info(f"start: {status.state}; waits for {status.waits_for or 'nothing'}")
         if status == self._published:
             return
-        if status.state != self._state:
-            self._state = status.state
-            self._node.get_logger().info(f"start: {status.state}; waits for {status.waits_for or 'nothing'}")
         self._published = status
         self._publish(status)
 

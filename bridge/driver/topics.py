@@ -198,6 +198,10 @@ class StatusTopics:
         message = Clock()
         set_stamp(message.clock, stamp)
         self._time.publish(message)
+        self.publish_factor(stamp)
+
+    def publish_factor(self, stamp: int) -> None:
+        """Publish the real-time factor when it is due, at the time of the robot [ns]; 0 where that stands still."""
         now, (since, first) = time.monotonic(), self._factor_since
         if now - since >= FACTOR_TIME:
             self.real_time_factor = (stamp - first) / NANOSECONDS / (now - since)

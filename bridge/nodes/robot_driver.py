@@ -241,6 +241,7 @@ class RobotDriver(PoiseNode):
             self._stamp = round(self.drivers.read().t * NANOSECONDS)
             if self._stamp <= self._published_stamp:
                 self.counters["ticks without a new sample"] += 1
+                self._status.publish_factor(self._stamp)
                 return
             self._published_stamp = self._stamp
             self._answers.arrive(self._stamp)

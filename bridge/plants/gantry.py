@@ -149,10 +149,16 @@ class HangingRobot:
         data = self.plant.data
         return np.array(data.xpos[self._torso] + data.xmat[self._torso].reshape(3, 3) @ np.array(self.config.hook))
 
+    def tie(self) -> None:
+        """Tie the rope to the robot where it is, without tension, the gantry above it."""
+        hook = self._hook()
+        self._anchor[:2] = hook[:2]
+        self.slack, self.hooked = max(float(self._anchor[2] - hook[2]) - self._length, 0.0), True
+
     def _pull(self) -> None:
         """Force of the rope on the torso."""
         data, body = self.plant.data, self._torso
-        self.slack += self.rope_speed * STEP
+        self.slack = max(self.slack + self.rope_speed * STEP, 0.0)  # it is not wound up above its start
         if not self.hooked:
             data.xfrc_applied[body] = 0.0
             return

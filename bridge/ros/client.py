@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
-from bridge.ros.environment import graph_holder, participant
+from bridge.ros.environment import graph_holder, graphs_elsewhere, participant
 from bridge.ros.processes import absolute_namespace
 from models.errors import CommandError
 from models.nodes import topics
@@ -121,7 +122,11 @@ class Client:
         seen = [topic for topic, _ in self.node.get_topic_names_and_types() if topic.endswith(end)]
         robots = {topic.removesuffix(end) for topic in seen if self.node.count_publishers(topic)}
         holder = graph_holder(self.namespace)
-        remedy = f"poise up ({holder}) is starting: wait" if holder else "is the robot up? start it with: poise up"
+        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+        remedy = f"poise up ({holder}) is starting: wait"
+        if not holder:
+            remedy = graphs_elsewhere(self.namespace) or f"is the robot up, and in ROS domain {domain}, as this terminal?"
+            remedy += " If none is up, start it with: poise up"
         if self.namespace in robots:
             remedy = "the robot is up: poise status says what it does"
         elif robots:
@@ -187,13 +192,15 @@ class Client:
             return CommandReply(True, status.answer)
         return CommandReply(True, f"{status.answer}; {self.limited}")
 
-    def trigger(self, service: str, timeout: float = 5.0, answer_timeout: float | None = None) -> CommandReply:
+    def trigger(
+        self, service: str, timeout: float = 5.0, answer_timeout: float | None = None, *, at_once: bool = False
+    ) -> CommandReply:
         """Call a std_srvs/Trigger service; numbers in its answer become details.
 
-        ``timeout`` is for the service and for its answer, each [s]; ``answer_timeout`` replaces the latter. Raises
-        ``CommandError`` when the service is absent or does not answer.
+        ``timeout`` is for the service and for its answer, each [s]; ``answer_timeout`` replaces the latter;
+        ``at_once`` as for ``call``. Raises ``CommandError`` when the service is absent or does not answer.
         """
-        answer = self.call(Trigger, service, Trigger.Request(), timeout, answer_timeout or timeout)
+        answer = self.call(Trigger, service, Trigger.Request(), timeout, answer_timeout or timeout, at_once=at_once)
         return text_to_reply(bool(answer.success), str(answer.message))
 
     def switch(self, service: str, on: bool, timeout: float = 10.0) -> CommandReply:
@@ -201,16 +208,34 @@ class Client:
         answer = self.call(SetBool, service, SetBool.Request(data=on), timeout, timeout)
         return text_to_reply(bool(answer.success), str(answer.message))
 
-    def call(self, kind: type, service: str, request: Any, timeout: float = 5.0, answer_timeout: float = 5.0) -> Any:
-        """Call a service within the timeouts for service and answer [s]; otherwise ``CommandError``."""
+    def call(
+        self,
+        kind: type,
+        service: str,
+        request: Any,
+        timeout: float = 5.0,
+        answer_timeout: float = 5.0,
+        *,
+        at_once: bool = False,
+    ) -> Any:
+        """Call a service within the timeouts for service and answer [s]; otherwise ``CommandError``.
+
+        ``at_once`` is for a request that may be repeated: it is sent before the service has discovered this client, and
+        again where the answer is lost for that.
+        """
         client = self.node.create_client(kind, service)
         try:
             self.expect(client.service_is_ready, timeout, "service", service)
-            self.spin(SETTLE_TIME)
-            future: Any = client.call_async(request)
-            if not self.wait(future.done, answer_timeout):
+            sent: list[Any] = [client.call_async(request)] if at_once else []
+
+            def answered() -> bool:
+                return any(future.done() for future in sent)
+
+            if not self.wait(answered, SETTLE_TIME):
+                sent.append(client.call_async(request))
+            if not self.wait(answered, answer_timeout):
                 raise CommandError(f"service {service} did not answer within {answer_timeout:.0f} s")
-            return future.result()
+            return next(future.result() for future in sent if future.done())
         finally:
             self.node.destroy_client(client)
 
@@ -270,7 +295,7 @@ def next_step(status: SupervisorStatus, start: StartStatus | None = None) -> str
     if start is not None and start.holds:
         return f"no motion and no walk before this is over: {'; '.join(start.holds)}"
     if status.mode is Mode.STAND:
-        return "poise send wave; poise walk 0.3 0 0; poise teleop"
+        return f"poise send wave; poise walk {0.3 if start is None else 0.2} 0 0; poise teleop"
     if moving:
-        return "poise send stop"
+        return "poise send stop" + ("" if start is None else "; poise start damp in need")
     return f"wait, or mend: {'; '.join(status.preflight)}" if status.preflight else "poise mode stand"

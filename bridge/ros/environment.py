@@ -104,7 +104,7 @@ def claim_graph(robot: str, domain_id: int | None, namespace: str) -> IO[str]:
     if isinstance(held, str):
         raise PoiseError(
             f"already running in {place}: {held}; end it with Ctrl-C there, or give this one another --namespace or "
-            f"ROS_DOMAIN_ID"
+            f"ROS_DOMAIN_ID, unless both are for the same real robot: it would have two commanders"
         )
     return held
 
@@ -116,6 +116,25 @@ def graph_holder(namespace: str) -> str:
         return held
     held.close()
     return ""
+
+
+def graphs_elsewhere(namespace: str) -> str:
+    """Domains with a graph of this user on this machine, where there is none in that of this process; else empty."""
+    own, user = _graph(None, namespace)[0], f"-{os.getuid()}.lock"
+    held: dict[str, str] = {}
+    for file in Path(tempfile.gettempdir()).glob(f"poise-graph-*{user}"):
+        name = file.name.removeprefix("poise-").removesuffix(user)
+        if isinstance(claim := _lock(name, shared=True), str):
+            held[name] = claim
+        else:
+            claim.close()
+    if own in held or not held:
+        return ""
+    found = "; ".join(f"{name.removeprefix('graph-')}: {claim}" for name, claim in sorted(held.items()))
+    return (
+        f"no graph runs in {_graph(None, namespace)[1]}, but in these ({found}): in this terminal, too, export its "
+        f"ROS_DOMAIN_ID"
+    )
 
 
 def _is_free(domain: int) -> bool:

@@ -156,7 +156,7 @@ class SupervisorNode(PoiseNode):
         if not self._reports.complete and time.monotonic() < self._adopting_until:
             return
         if self._reports.clock_silence(self._period) > self._clock_timeout:
-            self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
+            self._law.fault(f"no /clock for {self._clock_timeout} s: the driver is gone, or had no processor")
         else:
             health, before = self._reports.health(self._driver_state, self._config), self._law.faults
             held = [cause_of(hold) for hold in self._law.holds]

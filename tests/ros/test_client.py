@@ -6,12 +6,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 import rclpy
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Twist, WrenchStamped
 from msgspec.structs import replace
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
@@ -19,20 +20,20 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
 from bridge.record.observer import Observer
 from bridge.ros import client as client_module
 from bridge.ros import walk
 from bridge.ros.client import Client, next_step, overview
-from bridge.ros.environment import claim_graph, join_graph
+from bridge.ros.environment import claim_graph, graphs_elsewhere, join_graph
 from controllers.commands.command_signature import Signer, Verifier
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec
-from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR, STATE
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.status import GaitStatus, MotionState, MotionStatus, StartStatus, SupervisorStatus
 from models.types import Mode
@@ -56,6 +57,10 @@ class FakeSupervisor(Node):
         self.mode = self.create_publisher(String, topics.MODE, LATCHED)
         self.mode.publish(String(data="stand"))
         self.create_service(Trigger, "mode/damp", self.on_damp)
+        for mode in ("walk", "stand"):
+            self.create_service(Trigger, f"mode/{mode}", partial(self.on_mode, mode))
+        self.create_subscription(Twist, topics.CMD_VEL, lambda message: None, COMMAND)
+        self.odometry = self.create_publisher(Odometry, topics.ODOM, STATE)
         self.create_timer(0.05, self.report)
 
     def on_text(self, message: String) -> None:
@@ -73,7 +78,13 @@ class FakeSupervisor(Node):
         response.success, response.message = False, "the robot would drop"
         return response
 
+    def on_mode(self, mode: str, request: Any, response: Any) -> Any:
+        self.mode.publish(String(data=mode))
+        response.success, response.message = True, mode
+        return response
+
     def report(self) -> None:
+        self.odometry.publish(Odometry(header=Header(stamp=self.get_clock().now().to_msg())))
         record = SupervisorStatus("g1", Mode.STAND, self.refused, "unknown command 'fly'", (), holds=("held",))
         self.status.publish(replace(record, answered=self.answered, answer=f"done: {self.texts[-1:]}"))
 
@@ -140,6 +151,13 @@ def test_the_overview_names_the_next_step(supervisor: FakeSupervisor) -> None:
     assert "no walk before this is over: 91 degC" in next_step(record, StartStatus("stand", holds=("91 degC",)))
 
 
+def test_a_walk_that_is_held_is_reported(supervisor: FakeSupervisor) -> None:
+    with Client() as client:
+        client.robot()
+        reply = walk.walk(client, (0.2, 0.0, 0.0), 5.0)
+    assert not reply.accepted and reply.reason.startswith("the walk was held after 0.0 s: held; mode 'stand'")
+
+
 def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:
     key = bytes(range(32))
     began = [time.time_ns() - 100_000_000_000]
@@ -189,6 +207,20 @@ def test_a_robot_that_is_starting_is_no_reason_to_start_one(context: Context, ro
             client.robot(timeout=0.3)
         with pytest.raises(CommandError, match="start it with: poise up"):
             client.robot(timeout=0.3)
+
+
+def test_a_graph_in_another_domain_is_named(context: Context, ros_domain_id: int) -> None:
+    other = ros_domain_id + 150  # which no test claims
+    with Client(namespace="robot_1") as client, claim_graph("g1_hardware", other, ""):
+        with pytest.raises(CommandError, match=rf"ROS domain {ros_domain_id}.*{other}: g1_hardware, process {os.getpid()}"):
+            client.robot(timeout=0.3)
+        with claim_graph("g1", None, "/robot_1"):
+            assert not graphs_elsewhere("/robot_1")
+
+
+def test_a_request_at_once_is_answered(supervisor: FakeSupervisor) -> None:
+    with Client() as client:
+        assert client.trigger("mode/damp", at_once=True).reason == "the robot would drop"
 
 
 def test_robots_in_other_namespaces_are_named(context: Context) -> None:

@@ -93,3 +93,18 @@ def test_a_robot_that_was_lowered_too_early_stands_when_it_is_told_to(tmp_path: 
     assert "of the weight" in loop.startup.waits_for
     assert "it was lowered before" in loop.startup.lower()
     loop.reach(StartState.STAND)
+
+
+def test_a_robot_that_lies_is_tied_and_wound_up_to_where_it_hung(tmp_path: Path) -> None:
+    loop = HardwareLoop(tmp_path / "marker")
+    loop.run(0.5)
+    height = loop.side.base[2]
+    loop.side.hooked = False
+    loop.run(2.5)
+    assert loop.side.base[2] < 0.4
+    loop.side.tie()
+    loop.side.rope_speed = -0.25
+    loop.run(8.0)
+    assert loop.side.slack == 0.0 and abs(loop.side.base[2] - height) < 0.02
+    loop.reach(StartState.GANTRY)
+    loop.startup.confirm_gantry()
