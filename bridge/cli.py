@@ -162,6 +162,7 @@ def up(
     from bridge.launch.graph import own_motions
     from bridge.launch.graph import up as launch
     from bridge.launch.world import inhabitants, up_world
+    from bridge.plants.base import find_plant
     from bridge.plants.fault_plan import fault_plan
     from bridge.plants.sensors import read_sensor_errors
     from models.calibration_store import calibration_directory
@@ -192,15 +193,20 @@ def up(
     if several and plant != "mujoco":
         raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
     hardware: dict[str, Any] = {}
-    from bridge.launch.hardware import PLANTS, hardware_options
+    from bridge.launch.hardware import PLANTS, check_plant, hardware_options
 
     if plant in PLANTS:
         with report_errors():
             robot, hardware = hardware_options(
                 plant, robot, network_interface, robot_domain, robot_rate, plant_options, at_end
             )
-        plant_options = hardware.pop("plant_options")
+            plant_options = hardware.pop("plant_options")
+            check_plant(plant, robot, plant_options)
+        if speed != 1.0:
+            raise typer.BadParameter("--speed goes with a simulated robot; poise rehearse has an own one")
     elif network_interface or at_end:
+        with report_errors():
+            find_plant(plant)  # it may be misspelt
         raise typer.BadParameter(f"--network-interface and --at-end go with --plant {' or '.join(PLANTS)}")
     if calibration is None and not sensor_errors:
         calibration = calibration_directory() / plant.replace(":", ".")  # a simulated robot has its own

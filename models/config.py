@@ -5,7 +5,7 @@ import json
 import re
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypeVar, cast
 import yaml
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from models.errors import ConfigError
+from models.errors import ConfigError, did_you_mean
 
 T = TypeVar("T")
 
@@ -70,7 +70,12 @@ def parse_config(schema: type[T], data: dict[str, Any], source: str) -> T:
     except TypeError as error:
         raise ConfigError(f"{source}: {error}") from error
     except ValidationError as error:
-        lines = [f"{'.'.join(str(part) for part in item['loc']) or '(top)'}: {item['msg']}" for item in error.errors()]
+        known = tuple(each.name for each in fields(cast(Any, schema)))
+        lines = []
+        for item in error.errors():
+            key, wrong = ".".join(str(part) for part in item["loc"]), item["type"] == "unexpected_keyword_argument"
+            near = did_you_mean(key, known) if wrong else ""
+            lines.append(f"{key or '(top)'}: {item['msg']}{near}")
         raise ConfigError(f"{source}: " + "; ".join(lines)) from error
 
 

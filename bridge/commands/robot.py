@@ -1,5 +1,6 @@
 """Commands to a running robot: texts, modes, walks, reaching, calibrations and the crane."""
 
+import re
 import select
 import sys
 from pathlib import Path
@@ -134,7 +135,9 @@ def identify(
         name = robot or client.robot()
         model = RobotModel.load(name)
         found = identify_payload(client, model, seconds)
-        text = payload_profile(model.profile.source if robot else name, model.name, found, save)
+        stem = "" if save is None else re.sub(r"\W", "_", save.stem.lower())
+        own = stem if re.match("[a-z]", stem) else model.name
+        text = payload_profile(model.profile.source if robot else name, own, found, save)
         say(text.rstrip())
         if save is None:
             say("poise identify --save my_robot.yaml keeps this as a profile: poise up --robot my_robot.yaml")

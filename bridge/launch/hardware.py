@@ -6,10 +6,12 @@ import yaml
 
 from bridge.launch.ending import EndConfig
 from bridge.launch.robot_network import LOOPBACK_INTERFACE, RobotNetwork
+from bridge.plants.base import make_plant
 from bridge.plants.config import read_options
 from bridge.ros.processes import RATED_NODES
 from models.config import default_config, overlaid
 from models.errors import ConfigError
+from models.robot_model import RobotModel
 
 UNITREE, BOOSTER, ROS2_CONTROL = "unitree", "booster", "ros2_control"
 PLANTS = (UNITREE, BOOSTER, ROS2_CONTROL)  #: Plants of real robots, by name
@@ -70,6 +72,11 @@ def hardware_options(
         "ending": ending,
     }
     return PROFILES.get(robot, robot), options
+
+
+def check_plant(plant: str, robot: str, plant_options: str) -> None:
+    """Make the plant without a connection, before any process starts; ``ConfigError`` says what does not fit."""
+    make_plant(plant, RobotModel.load(robot), {**read_options(plant_options), "link": object()})
 
 
 def _agreed(argument: str, value: Any, options: dict[str, Any], name: str) -> Any:

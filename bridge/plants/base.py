@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
+from inspect import signature
 from pkgutil import resolve_name
 from typing import Any, Protocol, runtime_checkable
 
@@ -218,6 +219,10 @@ def find_plant(name: str) -> Callable[..., Plant]:
 def make_plant(name: str, model: RobotModel, options: Mapping[str, Any]) -> Plant:
     """Plant by its name for ``find_plant`` with keyword arguments; ``ConfigError`` for wrong ones."""
     plant = find_plant(name)
+    known = list(signature(plant).parameters.values())[1:]  # without the model
+    names = [each.name for each in known if each.kind is not each.VAR_KEYWORD]
+    if len(names) == len(known) and (unknown := sorted(set(options).difference(names))):
+        raise ConfigError(f"plant '{name}': unknown options {', '.join(unknown)}; known: {', '.join(each for each in names if each != 'link')}")
     try:
         return plant(model, **options)
     except (TypeError, OSError) as error:

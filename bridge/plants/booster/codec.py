@@ -174,7 +174,7 @@ class BoosterCodec:
             other = sorted(set(names).symmetric_difference(config.joints))
             raise ConfigError(
                 f"robot '{model.name}': plant booster needs exactly the joints of its motors, which are 'joints' of "
-                f"--plant-options; these differ: {', '.join(other)}"
+                f"--plant-options; {len(other)} differ: {', '.join(other[:4])}{', ...' * (len(other) > 4)}"
             )
         self._model, self._config, self._clock = model, config, clock
         self._motors = np.array([config.joints.index(name) for name in names])  # motor of each joint (nj,)

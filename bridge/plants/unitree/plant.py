@@ -13,6 +13,7 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import JointCommand
 
+PROFILES = {2: "g1_mode_2_hardware", 5: "g1_hardware"}  #: Packaged profile of a ``mode_machine``
 RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
 
 
@@ -98,7 +99,11 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
     def _identity(self, sample: UnitreeSample) -> list[str]:
         found, given = [], self._hardware
         if sample.mode_machine != given.mode_machine:
-            found.append(f"mode_machine {sample.mode_machine} is another robot than the profile's {given.mode_machine}")
+            robot = PROFILES.get(sample.mode_machine)
+            remedy = f": poise up --robot {robot}" if robot else "; no packaged profile is for it"
+            found.append(
+                f"mode_machine {sample.mode_machine} is another robot than the profile's {given.mode_machine}{remedy}"
+            )
         if (version := self._robot.version()) not in ("", given.switcher_version):
             found.append(
                 f"motion switcher {version} is another than {given.switcher_version}: see what releases "
