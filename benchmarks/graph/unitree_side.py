@@ -22,8 +22,8 @@ import numpy as np
 
 from bridge.plants.deviation import Deviation
 from bridge.plants.gantry import STEP
-from bridge.plants.unitree.simulated import GantryRobot
 from bridge.plants.unitree.codec import ENABLED
+from bridge.plants.unitree.simulated import GantryRobot
 from bridge.plants.unitree.wire import new_low_cmd, read_low_cmd, write_low_cmd
 from models.config import parse_config
 from models.nodes.realtime import use_fifo

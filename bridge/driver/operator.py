@@ -62,12 +62,13 @@ class StartServices:
         """Publish the status if it has changed; log each change of the state, and of what it waits for."""
         startup, plant = self._drivers.startup, self._drivers.plant
         stale = self._drivers.stale
-        warnings = (*plant.warnings, f"no state of the robot for {stale:.0f} s") if stale > STALE_MIN else plant.warnings
+        silent = (f"no state of the robot for {stale:.0f} s",) if stale > STALE_MIN else ()
         if (now := time.monotonic()) >= self._values_due:
             self._values_due = now + VALUES_PERIOD
-            monitored = {} if stale > STALE_MIN else plant.monitored
+            monitored = {} if silent else plant.monitored
             self._values = tuple(f"{name}: {value}" for name, value in monitored.items())
         remote = _last_sign(plant.remote_age)
+        warnings = (*plant.warnings, *silent)
         status = StartStatus(str(startup.state), startup.waits_for, warnings, plant.holds, self._values, remote)
         told = status.state, cause_of(status.waits_for)
         if told != self._logged and (told[0] != self._logged[0] or now >= self._log_due):

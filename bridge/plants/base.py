@@ -222,7 +222,8 @@ def make_plant(name: str, model: RobotModel, options: Mapping[str, Any]) -> Plan
     known = list(signature(plant).parameters.values())[1:]  # without the model
     names = [each.name for each in known if each.kind is not each.VAR_KEYWORD]
     if len(names) == len(known) and (unknown := sorted(set(options).difference(names))):
-        raise ConfigError(f"plant '{name}': unknown options {', '.join(unknown)}; known: {', '.join(each for each in names if each != 'link')}")
+        public = ", ".join(each for each in names if each != "link")
+        raise ConfigError(f"plant '{name}': unknown options {', '.join(unknown)}; known: {public}")
     try:
         return plant(model, **options)
     except (TypeError, OSError) as error:

@@ -125,7 +125,9 @@ class Client:
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         remedy = f"poise up ({holder}) is starting: wait"
         if not holder:
-            remedy = graphs_elsewhere(self.namespace) or f"is the robot up, and in ROS domain {domain}, as this terminal?"
+            remedy = (
+                graphs_elsewhere(self.namespace) or f"is the robot up in ROS domain {domain}, that of this terminal?"
+            )
             remedy += " If none is up, start it with: poise up"
         if self.namespace in robots:
             remedy = "the robot is up: poise status says what it does"

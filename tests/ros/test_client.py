@@ -212,7 +212,8 @@ def test_a_robot_that_is_starting_is_no_reason_to_start_one(context: Context, ro
 def test_a_graph_in_another_domain_is_named(context: Context, ros_domain_id: int) -> None:
     other = ros_domain_id + 150  # which no test claims
     with Client(namespace="robot_1") as client, claim_graph("g1_hardware", other, ""):
-        with pytest.raises(CommandError, match=rf"ROS domain {ros_domain_id}.*{other}: g1_hardware, process {os.getpid()}"):
+        named = rf"ROS domain {ros_domain_id}.*{other}: g1_hardware, process {os.getpid()}"
+        with pytest.raises(CommandError, match=named):
             client.robot(timeout=0.3)
         with claim_graph("g1", None, "/robot_1"):
             assert not graphs_elsewhere("/robot_1")

@@ -15,7 +15,7 @@ from models.types import JointCommand
 
 
 class DampingGuard(SilenceGuard):
-    """Watches the LowCmds of the driver, which carry ``MARK`` and its session, and makes damping ones while there are none.
+    """Watches the LowCmds of the driver, with ``MARK`` and its session, and makes damping ones while there are none.
 
     The driver's first command is what releases the robot's own controller. The driver's ``last`` command, for the
     robot's own controller that has become active, disarms the guard.

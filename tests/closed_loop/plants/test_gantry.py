@@ -1,4 +1,4 @@
-"""On the gantry of a real robot, in lockstep over the protocol's bytes: other commanders, and legs that hang straight."""
+"""On the gantry of a real robot, in lockstep over the protocol's bytes: other commanders, legs that hang straight."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -37,7 +37,7 @@ def test_another_commander_is_found_before_anything_is_released(tmp_path: Path) 
         assert loop.startup.state is StartState.LISTEN
         for told in (loop.startup.waits_for, *loop.plant.findings):
             assert "lowcmd of another program" in told and "end it" in told and "hardware.own_commands" in told
-        with pytest.raises(CommandError, match="confirm_gantry refused in state 'listen'.* lowcmd of another program"):
+        with pytest.raises(CommandError, match=r"confirm_gantry refused in state 'listen'.* lowcmd of another program"):
             loop.startup.confirm_gantry()
         loop.run(1.5)
         assert loop.startup.state is StartState.LISTEN

@@ -78,7 +78,8 @@ def test_a_real_robot_that_hangs_or_is_damped_is_refused_with_what_its_start_wai
     ):
         start.publish(StartStatus(state, waits))
         world.drivers(drivers)
-        bench.wait(lambda: f"start '{state}' waits for {waits}" in world.call("mode/stand")[1])
+        answer = f"start '{state}' waits for {waits}"
+        bench.wait(lambda answer=answer: answer in world.call("mode/stand")[1])
         assert not world.call("mode/stand")[0] and world.modes[-1] == "off"
     assert "a real robot stay damped" in world.call("mode/off")[1]
 
