@@ -224,6 +224,26 @@ def test_a_request_at_once_is_answered(supervisor: FakeSupervisor) -> None:
         assert client.trigger("mode/damp", at_once=True).reason == "the robot would drop"
 
 
+def test_enter_takes_a_step_in_a_client_that_has_joined_before(supervisor: FakeSupervisor) -> None:
+    supervisor.create_service(Trigger, "start/damp", supervisor.on_damp)
+    program = [sys.executable, "-c", "from bridge.cli import app; app()", "start", "damp", "--on-enter"]
+    process = subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        assert process.stdout.readline().startswith("g1, Enter: damp")
+        for _ in range(2):
+            process.stdin.write("\n")
+            process.stdin.flush()
+            began = time.monotonic()
+            assert process.stdout.readline() == "the robot would drop\n"
+            print(f"answered after {1e3 * (time.monotonic() - began):.0f} ms")
+        process.stdin.close()
+        assert process.wait(20.0) == 0
+    finally:
+        process.kill()
+        process.wait()
+
+
 def test_robots_in_other_namespaces_are_named(context: Context) -> None:
     node = Node("supervisor", context=context, namespace="robot_2")
     node.create_publisher(String, topics.SUPERVISOR_STATUS, LATCHED)
