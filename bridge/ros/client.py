@@ -128,7 +128,7 @@ class Client:
             remedy = (
                 graphs_elsewhere(self.namespace) or f"is the robot up in ROS domain {domain}, that of this terminal?"
             )
-            remedy += " If none is up, start it with: poise up"
+            remedy += "; if none is up, start it with: poise up"
         if self.namespace in robots:
             remedy = "the robot is up: poise status says what it does"
         elif robots:

@@ -81,7 +81,7 @@ def test_a_real_robot_that_hangs_or_is_damped_is_refused_with_what_its_start_wai
         answer = f"start '{state}' waits for {waits}"
         bench.wait(lambda answer=answer: answer in world.call("mode/stand")[1])
         assert not world.call("mode/stand")[0] and world.modes[-1] == "off"
-    assert "a real robot stay damped" in world.call("mode/off")[1]
+    assert "its start decides what the drives of a real robot do" in world.call("mode/off")[1]
 
 
 def test_only_a_request_damps_a_robot_that_relaxes(bench: Any, world: World, g1: RobotModel) -> None:
