@@ -45,6 +45,7 @@ def test_another_commander_is_found_before_anything_is_released(tmp_path: Path) 
     loop.reach(StartState.GANTRY)
 
 
+@pytest.mark.long
 def test_the_known_commands_of_the_robots_own_controller_are_no_other_commander(tmp_path: Path) -> None:
     profile = tmp_path / "own.yaml"
     profile.write_text("extends: g1_hardware\nname: own\nhardware: {own_commands: 500.0}\n", encoding="utf-8")
@@ -66,6 +67,7 @@ def test_the_known_commands_of_the_robots_own_controller_are_no_other_commander(
     loop.reach(StartState.DAMP)
 
 
+@pytest.mark.long
 def test_legs_that_hang_straight_bear_nothing(tmp_path: Path) -> None:
     """They would bear a force along them almost without torques, so the errors of these are no evidence of one."""
     loop = HardwareLoop(tmp_path / "marker")
@@ -83,6 +85,7 @@ def test_legs_that_hang_straight_bear_nothing(tmp_path: Path) -> None:
     loop.reach(StartState.HANGING)
 
 
+@pytest.mark.long
 def test_a_robot_that_was_lowered_too_early_stands_when_it_is_told_to(tmp_path: Path) -> None:
     loop = HardwareLoop(tmp_path / "marker")
     loop.reach(StartState.GANTRY)
@@ -95,6 +98,7 @@ def test_a_robot_that_was_lowered_too_early_stands_when_it_is_told_to(tmp_path: 
     loop.reach(StartState.STAND)
 
 
+@pytest.mark.long
 def test_a_robot_that_lies_is_tied_and_wound_up_to_where_it_hung(tmp_path: Path) -> None:
     loop = HardwareLoop(tmp_path / "marker")
     loop.run(0.5)
