@@ -198,8 +198,8 @@ class Startup:
         if self.state not in BEFORE_RELEASE or self._vendor != "" or not self._own:
             return ""
         return (
-            f"; {self._own} is released: the robot is limp, or executes what another program commands: "
-            f"hold it by its rope, end that program, then poise start damp"
+            f"; {self._own} is released: the robot is limp, or executes what another program commands; "
+            f"poise start damp damps it"
         )
 
     @property

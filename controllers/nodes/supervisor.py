@@ -226,7 +226,10 @@ class SupervisorNode(PoiseNode):
             law.set_preflight((*self._unsupported(), *attitude(self._config, self._reports.tilt)))
         reply = law.request(mode)
         if mode is Mode.OFF and reply.accepted and self._reports.start_status is not None:
-            return CommandReply(True, "off: its start decides what the drives of a real robot do; without torque it is when switched off")
+            return CommandReply(
+                True,
+                "off: its start decides what the drives of a real robot do; without torque it is when switched off",
+            )
         return reply
 
     def _set_mode(self, name: str) -> CommandReply:
