@@ -118,8 +118,8 @@ def _fit_planes(
 def _rooms(fits: NDArray[np.int8], height: Matrix, steps: tuple[int, int], same: float) -> Matrix:
     """Steps of the lattice, up to these along and across, by which a sole may move: back, forward, right, left.
 
-    On all places in between it fits, across also on rough ground, and neighbours differ by less than ``same`` in height;
-    across, they have the same room along, up to a step.
+    On all places in between it fits, across also on rough ground, and neighbours differ by less than ``same`` in
+    height; across, they have the same room along, up to a step.
     """
     rooms = np.zeros((*fits.shape, 4))
     for way in range(2):  # across needs what is along

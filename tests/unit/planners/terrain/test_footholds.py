@@ -7,10 +7,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from models.errors import UnreachableError
 from models.robot_model import RobotModel
 from planners.gait.footsteps import Foothold
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.scaling import load_gait_config
+from planners.terrain.detour import detour
 from planners.terrain.footholds import GroundPlan, GroundPlanner, GroundQuery
 from planners.terrain.mapper import TerrainMapper
 
@@ -135,6 +137,42 @@ def test_soles_keep_away_from_the_riser_that_shin_or_heel_may_meet(mapper: Terra
         for before, after in pairwise(steps):
             if abs(after.hold.z - before.hold.z) > 0.1:
                 assert after.hold.x - before.hold.x <= 0.3
+
+
+def test_a_cell_on_an_edge_does_not_take_the_room_across(mapper: TerrainMapper) -> None:
+    """One that is met half on a tread is lower by a centimetre: the sole may still be moved sideways to it."""
+
+    def treads(x: float, y: float) -> float:
+        edge = 0.69 < x < 0.71 and (round(abs(y) / 0.02) % 5 == 0)
+        return -0.15 * max(math.floor((x - 0.4) / 0.3) + 1, 0) - (0.015 if edge else 0.0)
+
+    steps, _ = plan_on(mapper, treads, noise=0.0)
+    rooms = [step.tread.room for step in steps if step.tread is not None and 0.4 < step.hold.x < 0.7]
+    assert rooms and all(room is not None and min(room[2:]) >= 0.2 for room in rooms)
+
+
+@pytest.mark.parametrize(("begin", "height", "blocked"), [(0.9, 0.5, True), (1.6, 0.5, False), (0.9, 0.01, False)])
+def test_a_plan_is_blocked_by_what_appears_on_its_way(
+    mapper: TerrainMapper, begin: float, height: float, blocked: bool
+) -> None:
+    steps, _ = plan_on(mapper, lambda x, y: 0.0)
+    plan_on(mapper, lambda x, y: height if begin < x < begin + 0.15 else 0.0)
+    query = GroundQuery(START, 1.2, soles_at(START, GAIT.reach.width), planned=tuple(steps))
+    assert GroundPlanner(G1, GAIT).blocked(mapper.ground(), query) is blocked
+
+
+def test_a_detour_passes_on_the_nearer_free_side(mapper: TerrainMapper) -> None:
+    def box(x: float, y: float) -> float:
+        return 0.3 if 0.6 < x < 1.0 and -0.5 < y < 0.3 else 0.0
+
+    plan_on(mapper, box)
+    assert detour(mapper.ground(), START, 0.1, 0.3) == []
+    first, last = detour(mapper.ground(), START, 1.4, 0.3)
+    assert first.y == last.y == pytest.approx(0.6, abs=0.06)
+    assert first.x == pytest.approx(0.3, abs=0.05) and last.x == pytest.approx(1.3, abs=0.05)
+    plan_on(mapper, lambda x, _: 0.3 if x > 0.6 else 0.0)
+    with pytest.raises(UnreachableError, match="no way around"):
+        detour(mapper.ground(), START, 1.4, 0.3)
 
 
 def test_what_is_level_is_known_and_needs_no_plan(mapper: TerrainMapper) -> None:
