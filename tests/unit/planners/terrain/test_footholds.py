@@ -13,8 +13,10 @@ from planners.gait.footsteps import Foothold
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.scaling import load_gait_config
 from planners.terrain.detour import detour
+from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlan, GroundPlanner, GroundQuery
 from planners.terrain.mapper import TerrainMapper
+from planners.terrain.survey import SoleSurvey
 
 G1 = RobotModel.load("g1")
 GAIT = load_gait_config(G1)
@@ -139,16 +141,17 @@ def test_soles_keep_away_from_the_riser_that_shin_or_heel_may_meet(mapper: Terra
                 assert after.hold.x - before.hold.x <= 0.3
 
 
-def test_a_cell_on_an_edge_does_not_take_the_room_across(mapper: TerrainMapper) -> None:
-    """One that is met half on a tread is lower by a centimetre: the sole may still be moved sideways to it."""
-
-    def treads(x: float, y: float) -> float:
-        edge = 0.69 < x < 0.71 and (round(abs(y) / 0.02) % 5 == 0)
-        return -0.15 * max(math.floor((x - 0.4) / 0.3) + 1, 0) - (0.015 if edge else 0.0)
-
-    steps, _ = plan_on(mapper, treads, noise=0.0)
-    rooms = [step.tread.room for step in steps if step.tread is not None and 0.4 < step.hold.x < 0.7]
-    assert rooms and all(room is not None and min(room[2:]) >= 0.2 for room in rooms)
+def test_cells_on_an_edge_do_not_take_the_room_across() -> None:
+    """A cell that is met half on a tread is lower by some centimetre: the sole may still be moved sideways to it."""
+    heights = np.zeros((40, 60))  # a tread from x = 0.06 to 0.3
+    heights[:4], heights[15], heights[15, :24], heights[15, 36:], heights[16:] = 0.15, -0.01, -0.016, -0.016, -0.15
+    survey = SoleSurvey(G1, GAIT.swing.edge)
+    ways, sides = np.arange(0.08, 0.2, 0.01), np.arange(-0.3, 0.31, 0.02)
+    found = survey.survey(Heights(heights, (-0.02, -0.6), 0.02), START, ways, sides)
+    fits = np.flatnonzero(found.fits[:, 15] == 1)
+    assert ways[fits] == pytest.approx([0.15])  # X_MAX and the margin ahead of the edge
+    assert found.room[fits, 15, 2:].min() >= 0.2
+    assert (found.fits[ways > 0.155] == 0).all()  # beyond is no rough ground
 
 
 @pytest.mark.parametrize(("begin", "height", "blocked"), [(0.9, 0.5, True), (1.6, 0.5, False), (0.9, 0.01, False)])
