@@ -144,7 +144,7 @@ def test_soles_keep_away_from_the_riser_that_shin_or_heel_may_meet(mapper: Terra
 def test_cells_on_an_edge_do_not_take_the_room_across() -> None:
     """A cell that is met half on a tread is lower by some centimetre: the sole may still be moved sideways to it."""
     heights = np.zeros((40, 60))  # a tread from x = 0.06 to 0.3
-    heights[:4], heights[15], heights[15, :24], heights[15, 36:], heights[16:] = 0.15, -0.01, -0.016, -0.016, -0.15
+    heights[:4], heights[15], heights[15, :24], heights[15, 36:], heights[16:] = 0.15, -0.01, -0.018, -0.018, -0.15
     survey = SoleSurvey(G1, GAIT.swing.edge)
     ways, sides = np.arange(0.08, 0.2, 0.01), np.arange(-0.3, 0.31, 0.02)
     found = survey.survey(Heights(heights, (-0.02, -0.6), 0.02), START, ways, sides)
