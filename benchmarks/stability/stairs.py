@@ -36,8 +36,8 @@ _PLANS = 3  #: After so many plans it gets dark, or a box appears
 _BEYOND = 0.3  #: How far behind the last riser a walk on sight goes [m]
 
 
-#: The map is ``amount`` [m] too high or too far ahead; what is in it moves ahead by as much in a second, a cell at a
-#: time; it sees nothing for ``amount`` [s]; the box appears when it is ``amount`` [m] ahead
+#: What is seen is ``amount`` [m] too high until landed soles correct it, or the map too far ahead; what is in it moves
+#: ahead by as much in a second, a cell at a time; it sees nothing for ``amount`` [s]; a box appears so far ahead [m]
 Kind = Literal["high", "ahead", "drift", "blind", "appears"]
 
 
@@ -172,15 +172,17 @@ class Sight:
     def __init__(self, loop: ClosedLoop, fault: Fault | None = None) -> None:
         self._loop, self._kind, self._amount = loop, fault and fault.kind, fault.amount if fault else 0.0
         self._moved, self._dark = loop.t, math.inf
-        self._shift = tuple(self._amount if self._kind == kind else 0.0 for kind in ("high", "ahead"))
+        if self._kind == "high":
+            loop.ground_view.mapper.bias += self._amount
+            loop.ground_view.mapper.map.clear()
         if self._kind == "appears":
             loop.plant.obstacle.remove()
 
     def ground(self) -> Heights:
         """The map of this moment."""
-        ground, (high, ahead) = self._loop.ground_view.mapper.ground(), self._shift
+        ground = self._loop.ground_view.mapper.ground()
         x, y = ground.corner
-        return ground._replace(values=ground.values + high, corner=(x + ahead, y))
+        return ground._replace(corner=(x + self._amount, y)) if self._kind == "ahead" else ground
 
     def update(self, route: GroundRoute) -> None:
         """Move the map; after some plans it gets dark, or a box appears."""

@@ -162,8 +162,9 @@ class GroundRoute:
     def _helps(self, after: int, answer: Answer) -> bool:
         """Whether steps after a touchdown are in time, and go as far as those that they replace if these still hold."""
         route, kept, steps = self._gait.route, after - self._gait.steps, answer.steps
-        shorter = self._end_of(steps) < self._end_of(route.steps) - _BACK
-        if not 1 <= kept <= route.left or (shorter and not answer.blocked):
+        if not 1 <= kept <= route.left:
+            return False
+        if self._end_of(steps) < self._end_of(route.steps) - _BACK and not answer.blocked:
             return False
         if kept >= _KEPT:
             return True

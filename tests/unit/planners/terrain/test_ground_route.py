@@ -100,12 +100,15 @@ def test_after_one_more_touchdown_a_plan_may_correct_its_first_foothold_but_not_
     assert walked.route.request(walked.t) is not None  # for the touchdown meanwhile
 
 
-@pytest.mark.parametrize("case", ["late", "short", "none"])
+@pytest.mark.parametrize("case", ["late", "over", "short", "none"])
 def test_a_plan_on_the_way_that_does_not_help_is_left_out(case: str) -> None:
     walked, request = started()
     before = walked.gait.route.steps
     if case == "late":
         walked.gait.state.steps = 3  # it begins with the foot in the air
+    if case == "over":
+        walked.gait.stop()
+        before = walked.gait.route.steps
     x = 0.1 if case == "short" else 0.5
     walked.route.answer(Answer(request.number, () if case == "none" else ahead(3, first=RIGHT, x=x), "a wall"))
     assert walked.gait.route.steps == before and walked.route.active
