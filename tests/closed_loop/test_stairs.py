@@ -95,6 +95,7 @@ def test_in_front_of_a_riser_that_is_too_high_it_stands_and_says_so() -> None:
     assert abs(soles[0] - soles[1]) < 0.06
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", ["seen_high", "seen_appears"])
 def test_with_a_fault_of_its_sight_it_does_not_fall(scenario: str) -> None:
     case = climb("g1", 23, scenario)
