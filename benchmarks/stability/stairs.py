@@ -1,10 +1,11 @@
 """Stairs of known geometry, walked without eyes; stairs and stones that the robot sees."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -16,9 +17,12 @@ from benchmarks.core.loops import demand
 from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, NonNegative, Positive, Share
-from models.terrain import Terrain
-from planners.gait.footsteps import middle
+from models.errors import UnreachableError
+from models.terrain import Box, Terrain
+from planners.gait.footsteps import Foothold, middle
 from planners.gait.route import Footstep
+from planners.terrain.detour import detour
+from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner
 from planners.terrain.ground_route import Answer, GroundRoute
 from planners.terrain.stairs import Stairs, stair_footsteps
@@ -27,7 +31,22 @@ _SETTLE = 4.0  #: After the footsteps, until the walk counts as stuck [s]
 _PERIOD = 0.02  #: Of the requests for plans [s]
 _BEHIND = 4.0  #: Level ground behind stairs [m]
 _ROUNDING = 1e-6  #: Of the length of the ground [m]
+_LOOK = 1.0  #: Before it walks around something [s]
+_PLANS = 3  #: After so many plans it gets dark, or a box appears
 _BEYOND = 0.3  #: How far behind the last riser a walk on sight goes [m]
+
+
+#: What is seen is ``amount`` [m] too high until landed soles correct it, or the map too far ahead; what is in it moves
+#: ahead by as much in a second, a cell at a time; it sees nothing for ``amount`` [s]; a box appears so far ahead [m]
+Kind = Literal["high", "ahead", "drift", "blind", "appears"]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Fault:
+    """A disturbance of what the robot sees."""
+
+    kind: Kind
+    amount: float
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -36,8 +55,11 @@ class Flight:
 
     rise: float  #: Of each step [m]
     seen: bool = False  #: By its own depth camera and lidar; else by its geometry
-    count: Annotated[int, Field(ge=1)] | None = None  #: Risers up, or rows of stones; those of all stairs when None
+    count: Annotated[int, Field(ge=0)] | None = None  #: Risers up, or rows of stones; those of all stairs when None
     gap: Positive | None = None  #: Between stones as long as a tread, of heights up to ``rise``; stairs when None [m]
+    box: tuple[Positive, Positive] | None = None  #: Length and width of a box of height ``rise``; on level ground [m]
+    around: bool = False  #: The robot is told to walk around what is in the way
+    fault: Fault | None = None  #: Of its sight
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -55,6 +77,7 @@ class StairsConfig:
     seen_ahead: Positive
     limit: Positive
     plan_delay: NonNegative
+    clearance: Positive
     rises: dict[str, Flight]
     goals: dict[str, Flight]
 
@@ -65,36 +88,42 @@ _config = partial(settings, StairsConfig, "stairs")
 def climb(robot: str, seed: int, scenario: str) -> Case:
     """Climb and descend one flight; ``distance`` is the way of the base, ``torque`` the largest share of a leg's limit.
 
-    A walk survives when it does not fall, takes every footstep, and stands behind the stairs.
+    A walk survives when it does not fall, takes every footstep, and stands behind the stairs; where a box appears, when
+    it stands in front of that with the reason.
     """
     config = _config()
     flight = {**config.rises, **config.goals}[scenario]
-    count, patch = flight.count or config.count, config.seen_ahead if flight.seen else Terrain("flat").patch
-    if flight.gap is None:
-        way = patch + 2.0 * (count - 1) * config.tread + config.landing  # to the last riser
-        terrain = Terrain("stairs", flight.rise, config.tread, count=count, landing=config.landing)
-    else:
-        way = patch + count * (config.tread + flight.gap) + flight.gap
-        terrain = Terrain("stones", flight.rise, config.tread, gap=flight.gap, seed=seed)
-    behind = _BEHIND if flight.gap is None else config.tread + _ROUNDING  # of stones, one row of ``length``
-    terrain = replace(terrain, patch=patch, length=way + behind)
+    terrain, way = _ground(flight, config, seed)
     loop = ClosedLoop(robot, seed=seed, terrain=terrain, terrain_map=flight.seen, record_period_s=config.record_period)
     demand(loop, "walk")
     ended = ""
     start, x, gait = loop.t, float(loop.truth.q[0]), loop.gait
     if flight.seen:
-        route = walk_on_sight(loop, way + _BEYOND - float(loop.truth.q[0]))
-        ended = route.outcome or f"under way after {config.limit:g} s"
+        distance = way + _BEYOND - float(loop.truth.q[0])
+        if flight.around:
+            ended = walk_around(loop, distance)
+        else:
+            sight = Sight(loop, flight.fault)
+            ended = walk_on_sight(loop, distance, sight).outcome or f"under way after {config.limit:g} s"
     else:
         loop.run(0.2)
         here = middle(gait.footholds)
-        stairs = Stairs(patch - here.x, flight.rise, config.tread, count, config.landing, 2.0 * terrain.width)
+        stairs = Stairs(
+            terrain.patch - here.x,
+            flight.rise,
+            config.tread,
+            terrain.count or config.count,
+            config.landing,
+            2.0 * terrain.width,
+        )
         _take(
             loop,
             stair_footsteps(stairs, here, loop.robot, gait.config, stride=config.stride, together=config.together),
         )
     arrived = float(loop.truth.q[0]) > way
     done = gait.route.outcome == "done" and gait.settled and arrived
+    if flight.fault is not None and flight.fault.kind == "appears":  # it stands in front and says so
+        done = gait.settled and not arrived and "higher" in ended
     legs = [joint - 6 for foot in loop.robot.feet for joint in foot.joint_ids_v]
     outcome: Case = {
         "fell": loop.fallen,
@@ -110,6 +139,23 @@ def climb(robot: str, seed: int, scenario: str) -> Case:
     return outcome if outcome["survived"] else {**outcome, "moments": last_moments(loop, config.shown)}
 
 
+def _ground(flight: Flight, config: StairsConfig, seed: int) -> tuple[Terrain, float]:
+    """The terrain, and the place of its last edge along the way [m]."""
+    count = config.count if flight.count is None else flight.count
+    patch = config.seen_ahead if flight.seen else Terrain("flat").patch
+    if flight.box is not None:
+        length, width = flight.box
+        box = Box((length, width, flight.rise), (patch + 0.5 * length, 0.0))
+        return Terrain("flat", patch=patch, obstacle=box), patch + length
+    if flight.gap is not None:
+        way = patch + count * (config.tread + flight.gap) + flight.gap
+        length = way + config.tread + _ROUNDING  # one row of stones more
+        return Terrain("stones", flight.rise, config.tread, flight.gap, patch=patch, length=length, seed=seed), way
+    way = patch + 2.0 * (count - 1) * config.tread + config.landing
+    terrain = Terrain("stairs", flight.rise, config.tread, count=count, landing=config.landing, patch=patch)
+    return replace(terrain, length=way + _BEHIND), way
+
+
 def _take(loop: ClosedLoop, steps: Sequence[Footstep]) -> None:
     """Take footsteps, until the robot stands, falls or is stuck."""
     gait = loop.gait
@@ -120,18 +166,71 @@ def _take(loop: ClosedLoop, steps: Sequence[Footstep]) -> None:
         loop.run(0.1)
 
 
-def walk_on_sight(loop: ClosedLoop, distance: float) -> GroundRoute:
+class Sight:
+    """What a robot sees of the ground, with a fault."""
+
+    def __init__(self, loop: ClosedLoop, fault: Fault | None = None) -> None:
+        self._loop, self._kind, self._amount = loop, fault and fault.kind, fault.amount if fault else 0.0
+        self._moved, self._dark = loop.t, math.inf
+        if self._kind == "high":
+            loop.ground_view.mapper.bias += self._amount
+            loop.ground_view.mapper.map.clear()
+        if self._kind == "appears":
+            loop.plant.obstacle.remove()
+
+    def ground(self) -> Heights:
+        """The map of this moment."""
+        ground = self._loop.ground_view.mapper.ground()
+        x, y = ground.corner
+        return ground._replace(corner=(x + self._amount, y)) if self._kind == "ahead" else ground
+
+    def update(self, route: GroundRoute) -> None:
+        """Move the map; after some plans it gets dark, or a box appears."""
+        loop, grid = self._loop, self._loop.ground_view.mapper.map
+        if self._kind == "drift" and loop.t - self._moved > grid.cell / self._amount:
+            self._moved, grid.origin = loop.t, grid.origin + np.array([1, 0])
+        if self._kind not in ("blind", "appears") or route.plans < _PLANS:
+            return
+        if self._dark == math.inf:
+            self._dark = loop.t
+            if self._kind == "appears":
+                loop.plant.obstacle.place(float(loop.truth.q[0]) + self._amount, 0.0)
+        loop.ground_view.blind = self._kind == "blind" and loop.t < self._dark + self._amount
+
+
+def walk_around(loop: ClosedLoop, distance: float) -> str:
+    """Walk ahead over level ground [m], and beside what stands on it; empty, or why the robot cannot."""
+    loop.run(_LOOK)
+    here = middle(loop.gait.footholds)
+    goal = Foothold(*here.moved(distance, 0.0), here.yaw, here.z)
+    try:
+        poses = detour(loop.ground_view.mapper.ground(), here, distance, _config().clearance)
+    except UnreachableError as error:
+        return str(error)
+    for pose in (*poses, goal):
+        loop.gait.walk_to(pose)
+        latest = loop.t + _config().limit
+        while loop.t < latest and not loop.fallen and (loop.gait.route.left or not loop.gait.settled):
+            loop.run(_PERIOD)
+    return ""
+
+
+def walk_on_sight(loop: ClosedLoop, distance: float, sight: Sight | None = None) -> GroundRoute:
     """Walk straight ahead on the ground that the robot maps, over a distance [m]; or until it falls or is stuck."""
+    sight = sight or Sight(loop)
     planner, route, config = GroundPlanner(loop.robot, loop.gait.config), GroundRoute(loop.gait, loop.gait), _config()
     loop.run(_PERIOD)
     route.begin(middle(loop.gait.footholds), distance)
     latest, answers = loop.t + config.limit, list[tuple[float, Answer]]()
     while loop.t < latest and not loop.fallen and route.active:
         if (request := route.request(loop.t)) is not None:
-            plan = planner.plan(loop.ground_view.mapper.ground(), request.query)
-            answers.append((loop.t + config.plan_delay, Answer(request.number, tuple(plan.steps), plan.reason)))
+            ground = sight.ground()
+            plan, blocked = planner.plan(ground, request.query), planner.blocked(ground, request.query)
+            answer = Answer(request.number, tuple(plan.steps), plan.reason, blocked=blocked)
+            answers.append((loop.t + config.plan_delay, answer))
         while answers and answers[0][0] <= loop.t:
             route.answer(answers.pop(0)[1])
+        sight.update(route)
         loop.run(_PERIOD)
     latest = loop.t + _SETTLE
     while loop.t < latest and not loop.fallen and not loop.gait.settled:

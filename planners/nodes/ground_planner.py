@@ -68,7 +68,8 @@ class GroundPlannerNode(PoiseNode):
             ground, stamp = found
             steps, reason = ([], "") if request.watch else self._law.plan(ground, request.query)
             level = self._law.level(ground, request.query)
-            answer = Answer(request.number, tuple(steps), reason, level, stamp=stamp)
+            blocked = self._law.blocked(ground, request.query)
+            answer = Answer(request.number, tuple(steps), reason, level, stamp=stamp, blocked=blocked)
         self._plans, self._took = self._plans + 1, time.monotonic() - begin
         self._answers.publish(encode(answer))
 

@@ -30,6 +30,7 @@ _DEPTH = 40  #: Footsteps of a plan at most
 _WIDTH = 80  #: Beginnings of plans that are kept after each step
 _KEY = (0.04, 0.06)  #: Of beginnings whose feet are this near to each other along and across, the best is kept [m]
 _STRAY = 6  #: Cells off a level from which on it is none
+_CHANGED = 0.1  #: Share of the ground of a step that is off its plan from which on the plan is void [-]
 _AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason why it cannot go on [m]
 
 
@@ -52,6 +53,7 @@ class GroundQuery(Struct, frozen=True):
     distance: float  #: Of the end of the way from there [m]
     feet: Feet  #: Left and right sole at the start
     foot: int | None = None  #: That steps first; None for either
+    planned: tuple[Footstep, ...] = ()  #: The present plan from there on
 
 
 class GroundPlan(NamedTuple):
@@ -162,6 +164,24 @@ class GroundPlanner:
         heights = ground.at(np.array([query.line.moved(way, side) for way in ways.tolist() for side in sides.tolist()]))
         off = np.abs(heights - np.mean([sole.z for sole in query.feet]))
         return int((off > _LEVEL).sum()) < _STRAY
+
+    def blocked(self, ground: Heights, query: GroundQuery) -> bool:
+        """Whether the ground under or between the planned footsteps has changed since their plan."""
+        feet, points = list(query.feet), self._ground.points
+        for step in query.planned:
+            last, hold = feet[step.foot], step.hold
+            feet[step.foot] = hold
+            if step.tread is None:
+                continue
+            places = np.array([hold.moved(x, y) for x, y in points.tolist()])
+            level = np.array([step.tread.height(hold, x, y) for x, y in places.tolist()])
+            if (np.abs(ground.at(places) - level) > _LEVEL).mean() > _CHANGED:
+                return True
+            way = np.array([last.x - hold.x, last.y - hold.y])
+            between = np.concatenate([places + share * way for share in np.arange(0.0, 1.0, _AHEAD_MIN)])
+            if (ground.at(between) > max(last.z, hold.z) + _LEVEL).mean() > _CHANGED:
+                return True
+        return False
 
     def _end_costs(self, begun: _Begun, distance: float) -> Vector:
         """Costs of plans that end here; infinite where the feet are not side by side."""

@@ -27,6 +27,9 @@ class Walker(Protocol):
     def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
         """See ``GaitPlanner.take_steps``."""
 
+    def stop(self) -> None:
+        """See ``GaitPlanner.stop``."""
+
 
 class Request(Struct, frozen=True):
     """A query for a plan, and the touchdown after which the plan begins; None from standing."""
@@ -46,6 +49,7 @@ class Answer(Struct, frozen=True):
     reason: str = ""  # why the steps end before the end of the way; empty when they do not
     level: bool = False  # the whole way is on the level of the feet, as far as it is known
     blind: bool = False  # no map of the ground is there
+    blocked: bool = False  # the steps planned so far cannot be taken any more
     stamp: float = 0.0  # of the newest light in the map [s]
 
 
@@ -57,7 +61,8 @@ class GroundRoute:
 
     A plan from standing is made after ``look`` [s], in which the robot sees what is ahead. During the walk a touchdown
     makes a plan due whose steps follow the next ones; one that comes too late, or ends before the present plan, is not
-    used. So the robot goes on without a stop where the map grows in time; otherwise it stands, looks and goes on.
+    used, unless the ground of that has changed. So the robot goes on without a stop where the map grows in time;
+    otherwise it stands, looks and goes on.
 
     Attributes:
         outcome: Empty under way; ``done``, or why the walk has ended.
@@ -101,7 +106,8 @@ class GroundRoute:
                 return None
             self._asked = gait.steps
             feet, foot = gait.soles_after(_KEPT), 1 - gait.route.steps[_KEPT - 1].foot
-            return self._ask(t, GroundQuery(self._line, self._reach(feet), feet, foot), gait.steps + _KEPT)
+            query = GroundQuery(self._line, self._reach(feet), feet, foot, gait.route.steps[_KEPT:])
+            return self._ask(t, query, gait.steps + _KEPT)
         if not gait.settled:
             return None
         if self.plans and gait.route.outcome not in ("", "done"):
@@ -123,10 +129,12 @@ class GroundRoute:
             return
         self._pending = None
         if not answer.steps:
-            if request.after is None:
+            if request.after is None or answer.blocked:
                 self.end(answer.reason or "the ground planner found no step")
+            if answer.blocked:
+                self._walker.stop()
             return
-        if request.after is not None and not self._helps(request.after, answer.steps):
+        if request.after is not None and not self._helps(request.after, answer):
             return
         try:
             self._walker.take_steps(answer.steps, request.after)
@@ -151,10 +159,12 @@ class GroundRoute:
     def _reach(self, feet: Sequence[Foothold]) -> float:
         return min(self._distance, self._way(feet) + _HORIZON)
 
-    def _helps(self, after: int, steps: Sequence[Footstep]) -> bool:
-        """Whether steps after a touchdown are in time, and go as far as those that they replace."""
-        route, kept = self._gait.route, after - self._gait.steps
-        if not 1 <= kept <= route.left or self._end_of(steps) < self._end_of(route.steps) - _BACK:
+    def _helps(self, after: int, answer: Answer) -> bool:
+        """Whether steps after a touchdown are in time, and go as far as those that they replace if these still hold."""
+        route, kept, steps = self._gait.route, after - self._gait.steps, answer.steps
+        if not 1 <= kept <= route.left:
+            return False
+        if self._end_of(steps) < self._end_of(route.steps) - _BACK and not answer.blocked:
             return False
         if kept >= _KEPT:
             return True

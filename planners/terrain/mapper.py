@@ -39,6 +39,7 @@ class TerrainMapper:
         map: The grid.
         t: Stamp up to which the feet are followed [s]; -inf before the first contact.
         reference: Height of the reference sole in W [m], by the odometry; nan before the first contact.
+        bias: Added to the heights of every cloud, as landed soles show it [m].
         residual: Last difference of a landed sole to a level part of the map below it [m]; nan before the first.
 
     Raises:
@@ -66,7 +67,7 @@ class TerrainMapper:
         self._anchor: int | None = None
         self._swinging = False  # whether the other foot is in the air
         self._checked = True  # whether the map was compared with the sole of the present reference
-        self._bias = 0.0  # added to the heights of every cloud [m]
+        self.bias = 0.0
         self.t = -np.inf
 
     def follow(self, t: float, posture: Posture) -> None:
@@ -107,8 +108,8 @@ class TerrainMapper:
         kept &= (measured >= sensor.range_min) & (measured <= sensor.range_max)
         kept[kept] = self._body.outside(points[kept], self._data)
         rays, points, measured = rays[kept], points[kept], measured[kept]
-        points[:, 2] += self._bias - self.reference
-        eye = place.translation + np.array([0.0, 0.0, self._bias - self.reference])
+        points[:, 2] += self.bias - self.reference
+        eye = place.translation + np.array([0.0, 0.0, self.bias - self.reference])
         deviations = sensor.deviation(measured) * np.abs(rays[:, 2]) / measured
         deviations = np.maximum(deviations, 0.1 * fusion.floor)  # a level ray has no error of its height
         common = np.hypot(fusion.attitude * np.hypot(rays[:, 0], rays[:, 1]), sensor.scale * rays[:, 2])
@@ -163,7 +164,7 @@ class TerrainMapper:
         self.residual = float(np.median(errors))
         if abs(self.residual) <= feet.limit:
             self.map.shift(feet.share * self.residual)
-            self._bias += feet.share * self.residual
+            self.bias += feet.share * self.residual
 
     def _compile(self) -> None:
         """Run every kernel once: the first cloud must not wait for the compiler."""

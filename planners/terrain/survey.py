@@ -18,6 +18,7 @@ GRID = (0.01, 0.02)  #: Between two places, along and across a line [m]
 BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
 _POINTS = 0.02  #: Between the points of that ground, at most [m]
 _FLAT = 0.012  #: Largest deviation of that ground from its plane [m]
+_ROUGH = 0.018  #: The same where a sole may be moved to sideways: a cell on an edge is lower by half its height [m]
 _ROOM = (0.06, 0.30)  #: Ways along and across by which a sole may move on its ground that are looked for [m]
 _SAME = 0.01  #: Difference of height between neighbours of a lattice on the same ground [m]
 _HIGHER = 0.03  #: Above the plane of a sole from which on ground is higher [m]
@@ -27,7 +28,8 @@ _WALL = 0.08  #: Distance ahead or behind of a sole from which on higher ground 
 class Survey(NamedTuple):
     """Ground under a sole at each place of a lattice (n, m)."""
 
-    fits: NDArray[np.int8]  #: 1: it lies on a plane; 0: it does not; -1: some of the ground is not known
+    #: 1: it lies on a plane; 2: on rough ground, where it may only be moved to; 0: on none; -1: some is not known
+    fits: NDArray[np.int8]
     height: Matrix  #: Of that plane in the middle [m]
     along: Matrix  #: Its slope along the line [-]
     across: Matrix  #: and across [-]
@@ -58,7 +60,7 @@ class SoleSurvey:
         beyond = GRID[0] * np.arange(1, more + 1)
         longer = np.concatenate([ways[0] - beyond[::-1], ways, ways[-1] + beyond])
         at = ground.values, ground.corner, ground.cell, line.pose, longer, sides
-        fits, planes, bounds = _fit_planes(*at, self.points, self._inverse, _FLAT)
+        fits, planes, bounds = _fit_planes(*at, self.points, self._inverse, (_FLAT, _ROUGH))
         height = planes[..., 2]
         wall = _walls(*at, self._sole, fits, planes, _WALL)
         room = _rooms(fits, height, (more, round(_ROOM[1] / GRID[1])), _SAME) * np.repeat(GRID, 2)
@@ -76,7 +78,7 @@ def _fit_planes(
     sides: Vector,
     points: Matrix,
     inverse: Matrix,
-    flat: float,
+    flat: tuple[float, float],
 ) -> tuple[NDArray[np.int8], Matrix, Matrix]:
     """Planes through the ground at points (k, 2) around each place; see ``Survey``."""
     shape = len(ways), len(sides)
@@ -108,8 +110,7 @@ def _fit_planes(
             for k in range(len(points)):
                 on = planes[i, j, 0] * points[k, 0] + planes[i, j, 1] * points[k, 1] + planes[i, j, 2]
                 worst = max(worst, abs(found[k] - on))
-            if worst <= flat:
-                fits[i, j] = 1
+            fits[i, j] = 1 if worst <= flat[0] else 2 if worst <= flat[1] else 0
     return fits, planes, bounds
 
 
@@ -117,20 +118,22 @@ def _fit_planes(
 def _rooms(fits: NDArray[np.int8], height: Matrix, steps: tuple[int, int], same: float) -> Matrix:
     """Steps of the lattice, up to these along and across, by which a sole may move: back, forward, right, left.
 
-    On all places in between it fits, and neighbours differ by less than ``same`` in height; across, they have
-    the same room along, up to a step.
+    On all places in between it fits, across also on rough ground, and neighbours differ by less than ``same`` in
+    height; across, they have the same room along, up to a step.
     """
     rooms = np.zeros((*fits.shape, 4))
     for way in range(2):  # across needs what is along
         for i in range(fits.shape[0]):
             for j in range(fits.shape[1]):
-                if fits[i, j] != 1:
+                if fits[i, j] <= 0:
                     continue
                 for sign in (-1, 1):
                     last, count = height[i, j], 0
                     while count < steps[way]:
                         row, column = (i + sign * (count + 1), j) if way == 0 else (i, j + sign * (count + 1))
-                        if not (0 <= row < fits.shape[0] and 0 <= column < fits.shape[1]) or fits[row, column] != 1:
+                        if not (0 <= row < fits.shape[0] and 0 <= column < fits.shape[1]):
+                            break
+                        if fits[row, column] <= 0 or (way == 0 and fits[row, column] == 2):
                             break
                         if abs(height[row, column] - last) > same:
                             break

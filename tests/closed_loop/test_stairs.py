@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.stability.stairs import walk_on_sight
+from benchmarks.stability.stairs import climb, walk_on_sight
 from bridge.closed_loop import ClosedLoop
 from models.terrain import Terrain
 from planners.gait.footsteps import middle
@@ -93,3 +93,10 @@ def test_in_front_of_a_riser_that_is_too_high_it_stands_and_says_so() -> None:
     toe = loop.robot.feet[0].rectangle[1]
     assert 0.6 < max(soles) + toe < 1.0 - loop.gait.config.swing.edge + 0.02
     assert abs(soles[0] - soles[1]) < 0.06
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("scenario", ["seen_high", "seen_appears"])
+def test_with_a_fault_of_its_sight_it_does_not_fall(scenario: str) -> None:
+    case = climb("g1", 23, scenario)
+    assert case["survived"], case["reason"]

@@ -7,12 +7,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from models.errors import UnreachableError
 from models.robot_model import RobotModel
 from planners.gait.footsteps import Foothold
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.scaling import load_gait_config
+from planners.terrain.detour import detour
+from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlan, GroundPlanner, GroundQuery
 from planners.terrain.mapper import TerrainMapper
+from planners.terrain.survey import SoleSurvey
 
 G1 = RobotModel.load("g1")
 GAIT = load_gait_config(G1)
@@ -135,6 +139,43 @@ def test_soles_keep_away_from_the_riser_that_shin_or_heel_may_meet(mapper: Terra
         for before, after in pairwise(steps):
             if abs(after.hold.z - before.hold.z) > 0.1:
                 assert after.hold.x - before.hold.x <= 0.3
+
+
+def test_cells_on_an_edge_do_not_take_the_room_across() -> None:
+    """A cell that is met half on a tread is lower by some centimetre: the sole may still be moved sideways to it."""
+    heights = np.zeros((40, 60))  # a tread from x = 0.06 to 0.3
+    heights[:4], heights[15], heights[15, :24], heights[15, 36:], heights[16:] = 0.15, -0.01, -0.018, -0.018, -0.15
+    survey = SoleSurvey(G1, GAIT.swing.edge)
+    ways, sides = np.arange(0.08, 0.2, 0.01), np.arange(-0.3, 0.31, 0.02)
+    found = survey.survey(Heights(heights, (-0.02, -0.6), 0.02), START, ways, sides)
+    fits = np.flatnonzero(found.fits[:, 15] == 1)
+    assert ways[fits] == pytest.approx([0.15])  # X_MAX and the margin ahead of the edge
+    assert found.room[fits, 15, 2:].min() >= 0.2
+    assert (found.fits[ways > 0.155] == 0).all()  # beyond is no rough ground
+
+
+@pytest.mark.parametrize(("begin", "height", "blocked"), [(0.9, 0.5, True), (1.6, 0.5, False), (0.9, 0.01, False)])
+def test_a_plan_is_blocked_by_what_appears_on_its_way(
+    mapper: TerrainMapper, begin: float, height: float, blocked: bool
+) -> None:
+    steps, _ = plan_on(mapper, lambda x, y: 0.0)
+    plan_on(mapper, lambda x, y: height if begin < x < begin + 0.15 else 0.0)
+    query = GroundQuery(START, 1.2, soles_at(START, GAIT.reach.width), planned=tuple(steps))
+    assert GroundPlanner(G1, GAIT).blocked(mapper.ground(), query) is blocked
+
+
+def test_a_detour_passes_on_the_nearer_free_side(mapper: TerrainMapper) -> None:
+    def box(x: float, y: float) -> float:
+        return 0.3 if 0.6 < x < 1.0 and -0.5 < y < 0.3 else 0.0
+
+    plan_on(mapper, box)
+    assert detour(mapper.ground(), START, 0.1, 0.3) == []
+    first, last = detour(mapper.ground(), START, 1.4, 0.3)
+    assert first.y == last.y == pytest.approx(0.6, abs=0.06)
+    assert first.x == pytest.approx(0.3, abs=0.05) and last.x == pytest.approx(1.3, abs=0.05)
+    plan_on(mapper, lambda x, _: 0.3 if x > 0.6 else 0.0)
+    with pytest.raises(UnreachableError, match="no way around"):
+        detour(mapper.ground(), START, 1.4, 0.3)
 
 
 def test_what_is_level_is_known_and_needs_no_plan(mapper: TerrainMapper) -> None:

@@ -100,15 +100,29 @@ def test_after_one_more_touchdown_a_plan_may_correct_its_first_foothold_but_not_
     assert walked.route.request(walked.t) is not None  # for the touchdown meanwhile
 
 
-@pytest.mark.parametrize("case", ["late", "short", "none"])
+@pytest.mark.parametrize("case", ["late", "over", "short", "none"])
 def test_a_plan_on_the_way_that_does_not_help_is_left_out(case: str) -> None:
     walked, request = started()
     before = walked.gait.route.steps
     if case == "late":
         walked.gait.state.steps = 3  # it begins with the foot in the air
+    if case == "over":
+        walked.gait.stop()
+        before = walked.gait.route.steps
     x = 0.1 if case == "short" else 0.5
     walked.route.answer(Answer(request.number, () if case == "none" else ahead(3, first=RIGHT, x=x), "a wall"))
     assert walked.gait.route.steps == before and walked.route.active
+
+
+def test_where_the_ground_has_changed_a_shorter_plan_is_used_and_without_one_the_robot_stops() -> None:
+    walked, request = started()
+    shorter = ahead(2, first=walked.gait.route.steps[2].foot, x=0.3)
+    walked.route.answer(Answer(request.number, shorter, "a wall", blocked=True))
+    assert walked.gait.route.left == 4 and walked.route.active
+    walked, request = started()
+    assert request.query.planned == walked.gait.route.steps[2:]
+    walked.route.answer(Answer(request.number, (), "a wall", blocked=True))
+    assert walked.gait.route.outcome == "stopped" and walked.route.outcome == "a wall"
 
 
 def test_footsteps_go_on_from_a_touchdown_of_a_route_only() -> None:

@@ -1,0 +1,41 @@
+"""Ways around what stands on level ground: poses to walk through, beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.errors import UnreachableError
+from models.types import Matrix
+from planners.gait.footsteps import Foothold
+from planners.terrain.elevation_map import Heights
+
+_LEVEL = 0.03  #: Difference of height up to which ground is level [m]
+_FEW = 4  #: Cells off the level up to which there is nothing [-]
+_FINE = 0.05  #: Between ways that are tried [m]
+
+
+def detour(ground: Heights, line: Foothold, distance: float, clearance: float) -> list[Foothold]:
+    """Poses beside what stands on a line within a ``distance`` [m]; none where the way is free.
+
+    They are on the nearer free side, their heading is that of the line; ``clearance`` is half the width that the robot
+    needs [m]. What is not known is taken for free. Raises ``UnreachableError`` when neither side is free.
+    """
+    cell, half = ground.cell, 0.5 * ground.cell * len(ground.values)
+    ways, sides = np.arange(0.0, distance + clearance, cell), np.arange(-half, half, cell)
+    places = np.array([line.moved(way, side) for way in ways.tolist() for side in sides.tolist()])
+    heights: Matrix = ground.at(places).reshape(len(ways), len(sides))
+    off = np.abs(heights - line.z) > _LEVEL  # NaN is not
+
+    def free(begin: float, end: float, side: float) -> bool:
+        rows = (ways >= begin) & (ways <= end)
+        return int(off[rows][:, np.abs(sides - side) <= clearance].sum()) <= _FEW
+
+    if free(0.0, distance, 0.0):
+        return []
+    found = ways[off[:, np.abs(sides) <= clearance].any(axis=1)]
+    begin, end = float(found.min()) - clearance, float(found.max()) + clearance
+    for size in np.arange(_FINE, half - clearance, _FINE).tolist():
+        for side in (size, -size):
+            if free(begin, end, side):
+                return [Foothold(*line.moved(way, side), line.yaw, line.z) for way in (max(begin, 0.0), end)]
+    raise UnreachableError(f"no way around: the ground is not level up to {half - clearance:.2f} m to either side")
