@@ -19,6 +19,7 @@ Room = tuple[float, float, float, float]
 
 PEAK = 10.0 / math.sqrt(3.0)  #: Largest acceleration of a quintic from rest to rest over a way in a time [way/time^2]
 ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])  #: Bounds of a place that has none (2, 2) [m]
+_OVER = 0.01  #: By which a sole that is turned may come nearer to the edges than its room has it [m]
 _HALVINGS = 20  #: Of the time at which a quintic has covered a share of its way
 _ALONG = 1e-9  #: Least cosine between a direction and an edge's normal for the edge to bound the way [-]
 
@@ -60,18 +61,23 @@ def room_on(polygon: Matrix, hold: Foothold, rectangle: Sequence[float]) -> Room
 
 
 def bounds_in(stance: Foothold, hold: Foothold, tread: Tread | None) -> Matrix:
-    """Least and largest place of a sole on a tread along both axes of the stance frame (2, 2) [m]."""
+    """Least and largest place of a sole on a tread along both axes of the stance frame (2, 2) [m].
+
+    Where that is turned from the tread, the places are within the room and ``_OVER`` around it: on a tread hardly
+    longer than the sole, half a degree would otherwise take all room to the sides.
+    """
     if tread is None or tread.room is None:
         return ANYWHERE
     back, forward, right, left = tread.room
     x, y = stance.relative(hold.x, hold.y)
     turn = abs(wrap(hold.yaw - stance.yaw))
     c, s = abs(math.cos(turn)), math.sin(turn)
-    long, wide = max(back + forward, 1e-9), max(right + left, 1e-9)
+    room = back + forward, right + left
+    long, wide = (size + 2.0 * _OVER for size in room)
     share = min(long / (c * long + s * wide), wide / (s * long + c * wide))  # box within the turned one
     middle = rotated(hold.yaw - stance.yaw, 0.5 * (forward - back), 0.5 * (left - right))
     x, y = x + middle[0], y + middle[1]
-    half = 0.5 * share * long, 0.5 * share * wide
+    half = 0.5 * min(share * long, room[0]), 0.5 * min(share * wide, room[1])
     return np.array([[x - half[0], y - half[1]], [x + half[0], y + half[1]]])
 
 

@@ -96,12 +96,20 @@ def test_a_step_is_adjusted_within_its_tread() -> None:
     bounds = bounds_in(SOLES[RIGHT], known.hold, known.tread)
     assert bounds == pytest.approx(np.array([[0.28, 2 * HALF - 0.1], [0.33, 2 * HALF + 0.2]]))
     assert known.kept(Foothold(0.5, 0.0, 0.1)) == Foothold(pytest.approx(0.33), pytest.approx(HALF - 0.1), 0.1)
-    turned = bounds_in(Foothold(0.0, 0.0, -0.3), known.hold, known.tread)
-    for x in turned[:, 0]:
-        for y in turned[:, 1]:
-            place = Foothold(*Foothold(0.0, 0.0, -0.3).moved(x, y), 0.0)
+
+
+@pytest.mark.parametrize("turn", [0.03, 0.1, 0.3])
+@pytest.mark.parametrize("long", [0.0, 0.05])
+def test_a_tread_hardly_longer_than_the_sole_leaves_a_turned_one_room_to_the_sides(turn: float, long: float) -> None:
+    known = Footstep(LEFT, Foothold(0.3, HALF, 0.0), Tread(room=(0.0, long, 0.1, 0.2)))
+    stance = Foothold(0.0, 0.0, -turn)
+    bounds = bounds_in(stance, known.hold, known.tread)
+    assert np.ptp(bounds, axis=0)[1] > min(0.2, 0.012 / turn)
+    for x in bounds[:, 0]:
+        for y in bounds[:, 1]:
+            place = Foothold(*stance.moved(x, y), 0.0)
             there = known.kept(place)
-            assert (there.x, there.y) == pytest.approx((place.x, place.y))
+            assert math.hypot(there.x - place.x, there.y - place.y) <= math.sqrt(2.0) * 0.01 + 1e-9
 
 
 @pytest.mark.parametrize("rise", [0.03, 0.1, 0.2, -0.03, -0.1, -0.2])
