@@ -60,7 +60,9 @@ def main(args: list[str] | None = None) -> None:
     log = BackgroundLog()
     realtime.use_fifo(config.guard_priority, log.write)
     due = time.monotonic()
-    reported = limit = 0  # interventions, and number of foreign commands that is reported when exceeded
+    reported = ignored = limit = (
+        0  # interventions; foreign commands before it was armed, and since then before a report
+    )
     try:
         while True:
             now = time.monotonic()
@@ -74,10 +76,12 @@ def main(args: list[str] | None = None) -> None:
                 link.send(command)
             if guard.interventions > reported:
                 reported = guard.interventions
-                log.write("the driver is silent: damping")
-            if guard.foreign > limit and guard.armed:
-                log.write(f"another program commands the robot: {guard.foreign} commands")
-                limit = 10 * guard.foreign
+                log.write("damping until the end" if ending else "the driver is silent: damping")
+            if not guard.armed:
+                ignored = guard.foreign
+            elif guard.foreign - ignored > limit:
+                log.write(f"another program commands the robot: {guard.foreign - ignored} commands")
+                limit = 10 * (guard.foreign - ignored)
             ended = bool(ending) or os.getppid() != parent
             if ended and (not guard.armed or guard.silence(now) > config.guard_time):
                 if guard.armed and (final := guard.final_command()) is not None:

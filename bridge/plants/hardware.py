@@ -1,5 +1,6 @@
 """What the plants of real robots share: the robot's clock, counts of its samples, thresholds, mark of a run, end."""
 
+import fcntl
 import os
 import secrets
 import time
@@ -8,7 +9,7 @@ from contextlib import suppress
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol, TextIO
 
 import numpy as np
 from pydantic import Field
@@ -17,6 +18,7 @@ from pydantic.dataclasses import dataclass
 from bridge.plants.base import HardwarePlant
 from controllers.joints.joint_servo import fade_to_damping
 from models.config import STRICT, Count, Fraction, Positive, default_config
+from models.errors import ConfigError
 from models.files import state_folder
 from models.profile import Thresholds
 from models.robot_model import RobotModel
@@ -223,25 +225,57 @@ class SampleCounter:
 
 
 class RunMarker:
-    """A file that exists while a driver commands the robot; ``crashed`` is whether one was left by the last driver."""
+    """A file that exists while a driver commands the robot, locked by its process, whose number is in it.
+
+    ``crashed`` is whether one was left by a driver that is gone. Raises ``ConfigError`` where its process is alive.
+    """
 
     def __init__(self, file: Path) -> None:
         self._file = file
-        self.crashed = file.exists()
+        self._locked: TextIO | None = None
         self.made = False  #: Whether this driver has commanded the robot
+        self.crashed = file.exists() and self._lock()
+        self._unlock()
+        if file.exists() and not self.crashed:
+            raise ConfigError(
+                f"process {file.read_text(encoding='utf-8').strip()} is the driver of another 'poise up' and commands "
+                "this robot: end that with Ctrl-C before another one is started"
+            )
 
     def make(self) -> None:
         """Mark the run, before the first command."""
         if not self.made:
             self.made = True
             self._file.parent.mkdir(parents=True, exist_ok=True)
-            self._file.touch()
+            self._lock()
 
     def remove(self) -> None:
         """Mark the end, after the last command; the next command begins another run."""
         self.made = self.crashed = False
-        with suppress(OSError):
-            self._file.unlink(missing_ok=True)
+        if self._file.exists() and self._lock():
+            with suppress(OSError):
+                self._file.unlink(missing_ok=True)
+        self._unlock()
+
+    def _lock(self) -> bool:
+        """Lock the file until this process ends; false where another process has."""
+        if self._locked is None:
+            file = self._file.open("a+", encoding="utf-8")
+            try:
+                fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                file.close()
+                return False
+            file.truncate(0)
+            file.write(f"{os.getpid()}\n")
+            file.flush()
+            self._locked = file
+        return True
+
+    def _unlock(self) -> None:
+        if self._locked is not None:
+            self._locked.close()
+            self._locked = None
 
 
 class CommandSender(Protocol):
