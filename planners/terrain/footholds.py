@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from msgspec import Struct, structs
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from models.errors import PoiseError
@@ -54,14 +54,10 @@ class GroundQuery(Struct, frozen=True):
     feet: Feet  #: Left and right sole at the start
     foot: int | None = None  #: That steps first; None for either
     planned: tuple[Footstep, ...] = ()  #: The present plan from there on
-    kept: Footstep | None = None  #: The last step to these feet, which stays in its place
 
 
 class GroundPlan(NamedTuple):
-    """Footsteps, and why they end before the end of the way; empty when they do not.
-
-    A ``kept`` one comes before them, on the ground as it is known now.
-    """
+    """Footsteps, and why they end before the end of the way; empty when they do not."""
 
     steps: list[Footstep]
     reason: str
@@ -102,8 +98,7 @@ class GroundPlanner:
 
     def __init__(self, robot: RobotModel, config: GaitConfig, stride: float = 0.25, costs: Costs | None = None) -> None:
         self._config, self._costs = config, costs or Costs()
-        self._ground, half = SoleSurvey(robot, config.swing.edge), round(_ASIDE / GRID[1])
-        self._across: Vector = np.arange(-half, half + 1, dtype=np.float64)
+        self._ground = SoleSurvey(robot, config.swing.edge)
         reach, limits, period = config.reach, config.velocity, config.period
         self._limits = _Limits(
             reach.forward - _INSIDE,
@@ -124,20 +119,17 @@ class GroundPlanner:
 
     def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
         """Footsteps from the feet of a query to the end of its way, or as near to it as they get."""
-        line, before, feet = query.line, [], list(query.feet)
-        if query.kept is not None:
-            before = [self._on_ground(ground, line, query.kept)]
-            feet[query.kept.foot] = before[0].hold
-        first = [line.relative(sole.x, sole.y) for sole in feet]
+        line, first = query.line, [query.line.relative(sole.x, sole.y) for sole in query.feet]
         begin = min(place[0] for place in first)
         count = max(math.ceil((query.distance - begin) / GRID[0]), 0) + 1
         felt = max(place[0] for place in first) + self._limits.stride
         ways: Vector = np.asarray(query.distance - GRID[0] * np.arange(count)[::-1], dtype=np.float64)
-        sides: Vector = GRID[1] * self._across
+        half = round(_ASIDE / GRID[1])
+        sides: Vector = np.asarray(GRID[1] * np.arange(-half, half + 1), dtype=np.float64)
         survey = self._ground.survey(ground, line, ways, sides)
         starts = (LEFT, RIGHT) if query.foot is None else (query.foot,)
-        at = np.array([[(*place, sole.z) for place, sole in zip(first, feet, strict=True)]] * len(starts))
-        known = [bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in feet]))).any())] * len(starts)
+        at = np.array([[(*place, sole.z) for place, sole in zip(first, query.feet, strict=True)]] * len(starts))
+        known = [bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in query.feet]))).any())] * len(starts)
         begun = _Begun(at, np.array(starts), np.array(known), np.zeros(len(starts)))
         history: list[tuple[NDArray[np.int64], NDArray[np.int64], _Begun]] = []  # parents, places, beginnings
         best, end = math.inf, (-1, 0)
@@ -155,24 +147,13 @@ class GroundPlanner:
             steps.append(self._footstep(line, ways, sides, survey, places[i], after, i))
             i = int(parents[i])
         steps.reverse()
-        steps = self._checked(steps, feet)
+        steps = self._checked(steps, query.feet)
+        feet = list(query.feet)
         for step in steps:
             feet[step.foot] = step.hold
         leading = max(feet, key=lambda sole: line.relative(sole.x, sole.y)[0])
         arrived = query.distance - line.relative(leading.x, leading.y)[0] <= _LEVEL
-        steps = [*before, *steps] if steps else []
         return GroundPlan(steps, "" if arrived else self._obstacle(ground, leading, line.yaw))
-
-    def _on_ground(self, ground: Heights, line: Foothold, step: Footstep) -> Footstep:
-        """A step in its place on the ground as it is known now; as it was where no sole fits any more."""
-        way, side = line.relative(step.hold.x, step.hold.y)
-        sides: Vector = side + GRID[1] * self._across
-        survey = self._ground.survey(ground, line, np.array([way]), sides)
-        column = len(sides) // 2
-        if step.tread is None or survey.fits[0, column] != 1:
-            return step
-        hold = structs.replace(step.hold, z=float(survey.height[0, column]))
-        return Footstep(step.foot, hold, _tread(survey, 0, column, line.yaw))
 
     def level(self, ground: Heights, query: GroundQuery) -> bool:
         """Whether the ground along the way is known, and level to where the feet walk, so that no plan is needed."""
@@ -242,7 +223,9 @@ class GroundPlanner:
         hold = Foothold(x, y, line.yaw, float(after.at[i, foot, 2]))
         if survey.fits[row, column] != 1:
             return Footstep(foot, hold)
-        return Footstep(foot, hold, _tread(survey, row, column, line.yaw))
+        back, forward, right, left = survey.room[row, column].tolist()
+        slope = rotated(line.yaw, float(survey.along[row, column]), float(survey.across[row, column]))
+        return Footstep(foot, hold, Tread(slope, (back, forward, right + BESIDE, left + BESIDE)))
 
     def _checked(self, steps: list[Footstep], feet: Sequence[Foothold]) -> list[Footstep]:
         """The steps, or none where the gait would refuse them: feet that are turned from the line, too steep ground."""
@@ -266,13 +249,6 @@ class GroundPlanner:
         if np.isnan(rises).any():
             return "the ground ahead is not known"
         return f"no room for a sole up to {reach.forward:.2f} m ahead"
-
-
-def _tread(survey: Survey, row: int, column: int, yaw: float) -> Tread:
-    """Slope and room of a place on a line of a heading [rad]."""
-    back, forward, right, left = survey.room[row, column].tolist()
-    slope = rotated(yaw, float(survey.along[row, column]), float(survey.across[row, column]))
-    return Tread(slope, (back, forward, right + BESIDE, left + BESIDE))
 
 
 @njit(cache=True)

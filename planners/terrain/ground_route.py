@@ -14,9 +14,7 @@ from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep
 from planners.terrain.footholds import GroundQuery
 
-#: Footsteps that a plan on the way leaves in their places: the DCM under way depends on the next by exp(-omega t). The
-#: ground of the last of them is looked at again.
-_KEPT = 2
+_KEPT = 2  #: Footsteps that a plan on the way does not change: the DCM under way depends on the next by exp(-omega t)
 _NEAR = 0.06  #: Change of a foothold with which one footstep less is kept: the plan came after another touchdown [m]
 _ARRIVED = 0.05  #: From the end of the way, where the walk is over [m]
 _BACK = 0.03  #: By which a plan may end before the one that it replaces [m]
@@ -107,11 +105,9 @@ class GroundRoute:
             if gait.steps == self._asked or gait.route.left < _KEPT:
                 return None
             self._asked = gait.steps
-            feet, last = gait.soles_after(_KEPT), gait.route.steps[_KEPT - 1]
-            kept = Footstep(last.foot, feet[last.foot], last.tread)
-            planned = gait.route.steps[_KEPT:]
-            query = GroundQuery(self._line, self._reach(feet), feet, 1 - last.foot, planned, kept)
-            return self._ask(t, query, gait.steps + _KEPT - 1)
+            feet, foot = gait.soles_after(_KEPT), 1 - gait.route.steps[_KEPT - 1].foot
+            query = GroundQuery(self._line, self._reach(feet), feet, foot, gait.route.steps[_KEPT:])
+            return self._ask(t, query, gait.steps + _KEPT)
         if not gait.settled:
             return None
         if self.plans and gait.route.outcome not in ("", "done"):
@@ -138,14 +134,10 @@ class GroundRoute:
             if answer.blocked:
                 self._walker.stop()
             return
-        steps, after = answer.steps, request.after
-        if after is not None:
-            if after == self._gait.steps:  # the kept one is under way already
-                steps, after = steps[1:], after + 1
-            if not self._helps(after, steps, blocked=answer.blocked):
-                return
+        if request.after is not None and not self._helps(request.after, answer):
+            return
         try:
-            self._walker.take_steps(steps, after)
+            self._walker.take_steps(answer.steps, request.after)
         except PoiseError as error:
             if request.after is None:
                 self.end(str(error))
@@ -167,13 +159,15 @@ class GroundRoute:
     def _reach(self, feet: Sequence[Foothold]) -> float:
         return min(self._distance, self._way(feet) + _HORIZON)
 
-    def _helps(self, after: int, steps: Sequence[Footstep], *, blocked: bool) -> bool:
+    def _helps(self, after: int, answer: Answer) -> bool:
         """Whether steps after a touchdown are in time, and go as far as those that they replace if these still hold."""
-        route, kept = self._gait.route, after - self._gait.steps
+        route, kept, steps = self._gait.route, after - self._gait.steps, answer.steps
         if not 1 <= kept <= route.left:
             return False
-        if self._end_of(steps) < self._end_of(route.steps) - _BACK and not blocked:
+        if self._end_of(steps) < self._end_of(route.steps) - _BACK and not answer.blocked:
             return False
+        if kept >= _KEPT:
+            return True
         old, new = route.steps[kept : kept + 1], steps[0].hold
         return bool(old) and math.hypot(new.x - old[0].hold.x, new.y - old[0].hold.y) <= _NEAR
 

@@ -12,7 +12,6 @@ from models.robot_model import RobotModel
 from planners.gait.footsteps import Foothold
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.scaling import load_gait_config
-from planners.gait.tread import Tread
 from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlan, GroundPlanner, GroundQuery
@@ -71,16 +70,6 @@ def test_on_stairs_every_sole_is_on_a_tread_and_the_feet_come_together(mapper: T
     heights = [level(step.hold) for step in steps]
     assert heights[-2] == heights[-1] and sorted(heights) == heights
     assert all(heights.count(height) >= 2 for height in heights)  # both feet on each
-
-
-def test_a_kept_step_comes_first_on_the_ground_as_it_is_known_now(mapper: TerrainMapper) -> None:
-    plan_on(mapper, lambda x, _: 0.0 if x < 0.2 else -0.1)
-    feet = Foothold(0.0, 0.1, 0.0), Foothold(0.4, -0.1, 0.0, -0.07)  # 3 cm too high
-    query = GroundQuery(START, 1.2, feet, 0, kept=Footstep(1, feet[1], Tread()))
-    steps, _ = GroundPlanner(G1, GAIT).plan(mapper.ground(), query)
-    assert (steps[0].foot, steps[0].hold.x, steps[0].hold.y) == (1, 0.4, -0.1) and len(steps) > 2
-    assert steps[0].hold.z == pytest.approx(-0.1, abs=0.004) and steps[1].foot == 0
-    assert steps[0].tread is not None and steps[0].tread.room is not None and min(steps[0].tread.room[2:]) > 0.1
 
 
 @pytest.mark.parametrize(
