@@ -58,7 +58,7 @@ class Flight:
     count: Annotated[int, Field(ge=0)] | None = None  #: Risers up, or rows of stones; those of all stairs when None
     gap: Positive | None = None  #: Between stones as long as a tread, of heights up to ``rise``; stairs when None [m]
     box: tuple[Positive, Positive] | None = None  #: Length and width of a box of height ``rise``; on level ground [m]
-    around: bool = False  #: The robot is told to walk around what is in the way
+    around: bool = False  #: The robot walks around what is in the way
     fault: Fault | None = None  #: Of its sight
 
 

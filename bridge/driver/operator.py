@@ -70,9 +70,9 @@ class StartServices:
         remote = _last_sign(plant.remote_age)
         warnings = (*plant.warnings, *silent)
         status = StartStatus(str(startup.state), startup.waits_for, warnings, plant.holds, self._values, remote)
-        told = status.state, cause_of(status.waits_for)
-        if told != self._logged and (told[0] != self._logged[0] or now >= self._log_due):
-            self._logged, self._log_due = told, now + VALUES_PERIOD
+        change = status.state, cause_of(status.waits_for)
+        if change != self._logged and (change[0] != self._logged[0] or now >= self._log_due):
+            self._logged, self._log_due = change, now + VALUES_PERIOD
             self._node.get_logger().info(f"start: {status.state}; waits for {status.waits_for or 'nothing'}")
         if status == self._published:
             return

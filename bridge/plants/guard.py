@@ -12,7 +12,7 @@ class SilenceGuard:
     """Measures the silence of the driver; a guard of one protocol receives its commands and makes damping ones.
 
     The torque of the last command fades into damping, as the driver's own would. The guard has no effect before the
-    first command of its own driver, that with the same ``session``; another driver's commands are foreign. ``active``
+    first command of the driver with the same ``session``; another driver's commands are foreign. ``active``
     is whether the guard commands, ``interventions`` counts how often it began to.
     """
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from msgspec import Struct, structs
 
@@ -145,7 +144,7 @@ class Commands:
         if before and steps and steps[0].foot == before[-1].foot:
             raise CommandError("footsteps refused: they begin with the foot that steps just before")
         check_footsteps(steps, soles_after(before, soles, datum), self._config)
-        raised = [replace(step, hold=structs.replace(step.hold, z=step.hold.z + datum)) for step in before]
+        raised = [step.raised(datum) for step in before]
         route = route_over([*raised, *steps], soles, datum, self._config)
         return structs.replace(state, route=route, target=STILL, velocity=STILL)
 

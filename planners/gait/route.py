@@ -37,6 +37,10 @@ class Footstep:
     hold: Foothold
     tread: Tread | None = None
 
+    def raised(self, height: float) -> Footstep:
+        """The step with its foothold higher [m]."""
+        return replace(self, hold=structs.replace(self.hold, z=self.hold.z + height))
+
     @property
     def values(self) -> list[float]:
         """The step as numbers: foot, foothold, slope, room; see ``footstep_of``."""
@@ -331,5 +335,5 @@ def route_over(steps: Sequence[Footstep], soles: Sequence[Foothold], datum: floa
     swing = config.swing
     clearance = clearance_over(lift, config.pace.between(config.route.pace, "clearance"), swing.edge_clearance)
     least = swing_time(lift, clearance, swing.apex, swing.lift_acceleration)
-    levelled = [replace(step, hold=structs.replace(step.hold, z=step.hold.z - datum)) for step in steps]
+    levelled = [step.raised(-datum) for step in steps]
     return structs.replace(route_of(levelled), crouch=crouch, swing=least)

@@ -105,8 +105,10 @@ class GroundRoute:
             if gait.steps == self._asked or gait.route.left < _KEPT:
                 return None
             self._asked = gait.steps
-            feet, foot = gait.soles_after(_KEPT), 1 - gait.route.steps[_KEPT - 1].foot
-            query = GroundQuery(self._line, self._reach(feet), feet, foot, gait.route.steps[_KEPT:])
+            feet, last = gait.soles_after(_KEPT), gait.route.steps[_KEPT - 1]
+            datum = feet[last.foot].z - last.hold.z if last.tread else 0.0  # of the heights of the route, in W [m]
+            planned = tuple(step.raised(datum) for step in gait.route.steps[_KEPT:])
+            query = GroundQuery(self._line, self._reach(feet), feet, 1 - last.foot, planned)
             return self._ask(t, query, gait.steps + _KEPT)
         if not gait.settled:
             return None

@@ -35,8 +35,8 @@ def test_another_commander_is_found_before_anything_is_released(tmp_path: Path) 
     with commanded(loop, 100.0):
         loop.run(0.3)
         assert loop.startup.state is StartState.LISTEN
-        for told in (loop.startup.waits_for, *loop.plant.findings):
-            assert "lowcmd of another program" in told and "end it" in told and "hardware.own_commands" in told
+        for text in (loop.startup.waits_for, *loop.plant.findings):
+            assert "lowcmd of another program" in text and "end it" in text and "hardware.own_commands" in text
         with pytest.raises(CommandError, match=r"confirm_gantry refused in state 'listen'.* lowcmd of another program"):
             loop.startup.confirm_gantry()
         loop.run(1.5)
@@ -86,7 +86,7 @@ def test_legs_that_hang_straight_bear_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_robot_that_was_lowered_too_early_stands_when_it_is_told_to(tmp_path: Path) -> None:
+def test_a_robot_that_was_lowered_too_early_stands_on_command(tmp_path: Path) -> None:
     loop = HardwareLoop(tmp_path / "marker")
     loop.reach(StartState.GANTRY)
     loop.startup.confirm_gantry()

@@ -63,9 +63,9 @@ def test_a_silent_robot_has_no_values_and_every_change_is_logged(
     silent = run(2.0)
     assert silent.state == "listen" and not silent.values and "no state of the robot for 2 s" in silent.warnings
     loop.link.connected = True
-    told = len(node.log)
+    logged = len(node.log)
     run(1.5)
-    assert len(node.log) > told and len(node.log) < 15
+    assert len(node.log) > logged and len(node.log) < 15
 
 
 @pytest.mark.parametrize(

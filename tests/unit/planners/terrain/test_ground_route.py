@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import pytest
+from msgspec import structs
 
 from models.errors import CommandError
 from models.robot_model import RobotModel
@@ -61,8 +62,8 @@ def test_the_first_plan_is_made_after_a_look_from_the_soles_of_a_standing_robot(
     assert walked.gait.route.left == 4 and walked.route.active
 
 
-def started(steps: Sequence[Footstep] = ahead(5)) -> tuple[Walked, Request]:
-    """On the way: its route stands at a request that follows a touchdown."""
+def started(steps: Sequence[Footstep] = ahead(5), drift: float = 0.0) -> tuple[Walked, Request]:
+    """On the way: its route stands at a request that follows a touchdown; the estimated height has drifted [m]."""
     walked = Walked()
     walked.route.answer(Answer(walked.wait().number, tuple(steps), "the ground ahead is not known"))
     gait = walked.gait
@@ -70,9 +71,20 @@ def started(steps: Sequence[Footstep] = ahead(5)) -> tuple[Walked, Request]:
     gait.state.steps = 1
     gait.state.stance = steps[0].foot
     gait.state.command = gait._commands.landed(gait.state.command, gait.footholds)
+    soles = gait.state.soles
+    left, right = (structs.replace(hold, z=hold.z + drift) for hold in soles.holds)
+    gait.state.soles = structs.replace(soles, holds=(left, right))
     request = walked.route.request(walked.t)
     assert request is not None
     return walked, request
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.05])
+def test_what_is_planned_is_compared_with_the_map_at_the_estimated_height(drift: float) -> None:
+    walked, request = started(drift=drift)
+    for planned, step in zip(request.query.planned, walked.gait.route.steps[2:], strict=True):
+        assert planned.hold.z == pytest.approx(step.hold.z + drift, abs=1e-9)
+        assert planned.hold.z == pytest.approx(request.query.feet[planned.foot].z, abs=1e-9)
 
 
 def test_after_a_touchdown_the_plan_begins_two_footsteps_later_and_replaces_what_follows() -> None:
@@ -120,7 +132,8 @@ def test_where_the_ground_has_changed_a_shorter_plan_is_used_and_without_one_the
     walked.route.answer(Answer(request.number, shorter, "a wall", blocked=True))
     assert walked.gait.route.left == 4 and walked.route.active
     walked, request = started()
-    assert request.query.planned == walked.gait.route.steps[2:]
+    for planned, step in zip(request.query.planned, walked.gait.route.steps[2:], strict=True):
+        assert planned.values == pytest.approx(step.values, abs=1e-12)  # 1e-12: the heights are added up anew
     walked.route.answer(Answer(request.number, (), "a wall", blocked=True))
     assert walked.gait.route.outcome == "stopped" and walked.route.outcome == "a wall"
 
