@@ -86,6 +86,7 @@ class GroundRoute:
         self.outcome, self.plans = "", 0
         self._pending, self._asked = None, self._gait.steps
         self._standing: float | None = None
+        self._taken: tuple[Footstep, ...] = ()  # of the plan in use, with the heights that the map had
 
     def end(self, reason: str) -> None:
         """Ask for no more plans; the footsteps under way are not affected."""
@@ -105,10 +106,9 @@ class GroundRoute:
             if gait.steps == self._asked or gait.route.left < _KEPT:
                 return None
             self._asked = gait.steps
-            feet, last = gait.soles_after(_KEPT), gait.route.steps[_KEPT - 1]
-            datum = feet[last.foot].z - last.hold.z if last.tread else 0.0  # of the heights of the route, in W [m]
-            planned = tuple(step.raised(datum) for step in gait.route.steps[_KEPT:])
-            query = GroundQuery(self._line, self._reach(feet), feet, 1 - last.foot, planned)
+            feet, foot = gait.soles_after(_KEPT), 1 - gait.route.steps[_KEPT - 1].foot
+            planned = self._taken[len(self._taken) + _KEPT - gait.route.left :]
+            query = GroundQuery(self._line, self._reach(feet), feet, foot, planned)
             return self._ask(t, query, gait.steps + _KEPT)
         if not gait.settled:
             return None
@@ -144,7 +144,7 @@ class GroundRoute:
             if request.after is None:
                 self.end(str(error))
             return
-        self.plans += 1
+        self.plans, self._taken = self.plans + 1, answer.steps
         if request.after is None:
             self._asked, self._standing = self._gait.steps, None
 
