@@ -116,6 +116,7 @@ class SwingConfig:
     lift_acceleration: Positive  #: Largest vertical acceleration of a nominal swing to a known height [m/s^2]
     rise_step: NonNegative  #: Largest change between landings of the expected landing height [m]
     rise_max: NonNegative  #: Largest expected height over the stance sole's plane [m]
+    drift_share: Share  #: Of the error of a known height at a landing, what is taken for drift of the estimate [-]
     tilt_time: Positive  #: Time constant of its turn to the slope expected at landing [s]
     trip_lag: Positive  #: Distance behind its reference from which a foot may have tripped [m]
     trip_speed: Share  #: Share of the reference's speed below which it then has [-]

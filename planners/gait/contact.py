@@ -135,14 +135,21 @@ class Soles:
     def landed(self, soles: SoleState, foot: int, measured: Measurement, *, flat: bool = True) -> SoleState:
         """After the touchdown of a foot, at its measured place.
 
-        The expected height follows by a bounded step: a repeated error adds up, a single bump hardly counts. The
+        The expected height follows by a bounded step: a repeated error adds up, a single bump hardly counts. Of the
+        error of a known height ``drift_share`` is taken for a drift of the estimate, which moves all that follow; the
+        rest is this foothold's own. If all were drift, an error would come back with every plan that is made of
+        heights in W and begins after footsteps of the last one. The
         expected slope is the median of the last soles in single support. The other sole does not count now unless it
         is ``flat``: on an edge, the expected slope is taken for its own.
         """
         config, sole = self._config.swing, measured.soles[foot]
-        surprise = sole.z - _ground(soles, foot, sole, measured) - soles.rise[foot]
+        error = sole.z - _ground(soles, foot, sole, measured)
+        surprise = error - soles.rise[foot]
         followed = soles.rise[foot] + min(max(surprise, -config.rise_step), config.rise_step)
         rise = min(max(followed, -config.rise_max), config.rise_max)
+        level = _known_level(soles, foot)
+        if soles.landing is not None and soles.landing.tread is not None:
+            level += (1.0 - config.drift_share) * error
         tilts = soles.tilts.copy()
         tilts[foot] = measured.tilts[foot]
         samples = np.vstack([soles.samples[1:], measured.tilts[1 - foot]]) if flat else soles.samples
@@ -153,7 +160,7 @@ class Soles:
             rise=(rise, soles.rise[1]) if foot == 0 else (soles.rise[0], rise),
             samples=samples,
             measured=soles.measured,
-            levels=_with_level(soles.levels, foot, _known_level(soles, foot)),
+            levels=_with_level(soles.levels, foot, level),
         )
 
     def standing_on(self, soles: SoleState, stance: int, measured: Measurement) -> SoleState:

@@ -292,13 +292,10 @@ class GaitPlanner:
         rear, front = gait.soles.holds[1 - gait.stance], gait.soles.holds[gait.stance]
         ahead = rear.relative(front.x, front.y)[0]
         gait.toe_off = self._footing.toe_off(1 - gait.stance, ahead, gait.pace.toe_off, elapsed, duration)
-        bears = gait.measured.active
-        # Off the floor, by the body after a wide step; until the planned touchdown it still bears after a bounce
-        dragged = bears[gait.stance] and not bears[1 - gait.stance] and elapsed >= 0.0
-        far_off = self._far_off()
-        # Also a foot that has just lost its load can bear again while it is on the floor.
-        other = 1 - gait.stance
+        bears, other, far_off = gait.measured.active, 1 - gait.stance, self._far_off()
+        # A foot that has just lost its load can bear again while it is on the floor.
         on_floor = bears[other] or gait.measured.soles[other].z - gait.soles.holds[other].z < _ON_FLOOR
+        dragged = bears[gait.stance] and not on_floor  # by the body, after a wide step
         if far_off and bears[gait.stance] and on_floor and not gait.command.route.steps:
             self._choose_stance()
         if elapsed >= duration or far_off or dragged:

@@ -23,6 +23,7 @@ from planners.terrain.survey import BESIDE, GRID, SoleSurvey, Survey
 
 _ASIDE = 0.30  #: To either side of the line they reach [m]
 _LEVEL = 0.03  #: Difference of height up to which places are on one level, and of way up to which feet are together [m]
+_BESIDE = 0.10  #: Of way up to which feet are beside each other before and after a step to another level [m]
 _COMFORT = 0.01  #: Room ahead and back from which on an edge does not matter [m]
 _INSIDE = 0.01  #: A step is planned so far inside the reach [m]
 _STANCE = 0.08  #: Difference from the nominal stance in which a plan may end [m]
@@ -75,6 +76,7 @@ class _Limits(NamedTuple):
     width: float
     stride: float
     level: float
+    beside: float
     comfort: float
     leg: float
 
@@ -92,8 +94,8 @@ class GroundPlanner:
     """Plans footsteps on the ground as it is known; where nothing is known beside the feet, they will feel it.
 
     A beam search: from ``_WIDTH`` beginnings at most, each next step to every place of a lattice along the line where a
-    sole lies on a plane and in reach. On one level the feet go ahead in turn; before and after a step to another level,
-    and at the end, they are side by side.
+    sole lies on a plane and in reach. On one level the feet go ahead in turn; before and after a step to another level
+    one is hardly ahead of the other, and at the end they are side by side.
     """
 
     def __init__(self, robot: RobotModel, config: GaitConfig, stride: float = 0.25, costs: Costs | None = None) -> None:
@@ -110,6 +112,7 @@ class GroundPlanner:
             reach.width,
             stride,
             _LEVEL,
+            _BESIDE,
             _COMFORT,
             config.leg,
         )
@@ -264,11 +267,11 @@ def _expand(
     for n in range(shape[0]):
         foot = begun.foot[n]
         stance, before, side = begun.at[n, 1 - foot], begun.at[n, foot], 1.0 if foot == LEFT else -1.0
-        together = abs(stance[0] - before[0]) <= limits.level + 1e-9
+        together = abs(stance[0] - before[0]) <= limits.beside + 1e-9
         apart = abs(stance[2] - before[2]) > limits.level
         for i in range(shape[1]):
             ahead, swing = ways[i] - stance[0], ways[i] - before[0]
-            beside = abs(ahead) <= limits.level + 1e-9
+            beside = abs(ahead) <= limits.beside + 1e-9
             if ahead < -limits.level - 1e-9 or ahead > limits.forward or swing > 2.0 * limits.body:
                 continue
             if apart and not beside:

@@ -10,6 +10,8 @@ from planners.gait.config import GaitConfig
 from planners.gait.contact import Soles, SoleState
 from planners.gait.footsteps import Foothold
 from planners.gait.measurement import Measurement
+from planners.gait.route import Footstep
+from planners.gait.tread import Tread
 
 CONFIG = default_config(GaitConfig, "planners", "gait")
 
@@ -53,6 +55,20 @@ def test_the_expected_rise_is_bounded(law: Soles, soles: SoleState) -> None:
 def test_one_bump_hardly_changes_the_expected_rise(law: Soles, soles: SoleState) -> None:
     soles = law.landed(soles, 0, measured(left_z=0.03))
     assert law.landing_height(soles, 0, measured()) == pytest.approx(CONFIG.swing.rise_step)
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.003])
+def test_errors_of_known_heights_do_not_come_back_with_later_plans(law: Soles, soles: SoleState, drift: float) -> None:
+    """On level ground whose estimated height drifts with each step; every plan begins two footsteps later."""
+    levels, errors = [0.02, 0.0], []  # known heights of the next footsteps; the first one is wrong [m]
+    for i in range(30):
+        foot, before, now = i % 2, drift * (i - 1), drift * i
+        soles = structs.replace(soles, landing=Footstep(foot, Foothold(0.0, 0.0, 0.0, levels.pop(0)), Tread()))
+        errors.append(before + soles.landing.hold.z - soles.levels[1 - foot] - now)
+        soles = law.landed(soles, foot, measured(now, before) if foot == 0 else measured(before, now))
+        levels.append(soles.levels[foot])  # as high as this sole
+    assert errors[0] == pytest.approx(0.02, abs=drift + 1e-9)
+    assert np.abs(errors[-6:]).max() < 0.001 + 3.0 * drift
 
 
 def test_a_foot_is_expected_to_land_in_the_slope_of_the_last_soles(law: Soles, soles: SoleState) -> None:
