@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="Measure speed and stability; exits 0 only when every bound holds.")
 
 CONTENDER_HELP = "Test another controller instead of poise's: module:Class or policy.yaml; docs/contenders.md."
+SIZE_HELP = "Try only pushes of this impulse over mass [m/s], at every moment; the largest is searched otherwise."
 DIRECTIONS_HELP = "Headings, evenly spread, with that of the first in degrees: 16, 8+22.5 (between those of 8)."
 
 Workers = Annotated[int, typer.Option(min=1, help="Processes that measure at the same time.")]
@@ -80,6 +81,7 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
             hidden=not first.choice,
         ),
         directions: str = typer.Option("", help=DIRECTIONS_HELP, hidden=choice != "direction"),
+        size: float = typer.Option(0.0, min=0.0, help=SIZE_HELP, hidden=choice != "direction"),
         contender: str = typer.Option("", help=CONTENDER_HELP, hidden=not first.contender),
     ) -> None:
         from benchmarks.core.harness import Options, print_report, write_json
@@ -93,13 +95,15 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
                 raise ConfigError(f"bench {name} takes no contender; these do: {others}")
             if chosen and not first.choice:
                 raise ConfigError(f"bench {name} has no scenarios to choose from")
+            if size and choice != "direction":
+                raise ConfigError(f"bench {name} has no pushes of a size")
             if directions and choice != "direction":
                 raise ConfigError(f"bench {name} has no directions to choose from")
             benchmark = listed.load()
             with open_sweep(workers, scheduler, results) as sweep:
                 chose = tuple(chosen)
                 number = listed.info.seeds if seeds is None else seeds
-                options = Options(robot, number, first_seed, workers, chose, directions, contender, sweep)
+                options = Options(robot, number, first_seed, workers, chose, directions, size, contender, sweep)
                 report = benchmark.run(options)
                 if sweep.results is not None:
                     console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured: {results}")

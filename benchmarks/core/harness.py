@@ -49,6 +49,7 @@ class Options:
     workers: int = 1  #: Worker processes; with one, cases are measured in this process
     scenarios: tuple[str, ...] = ()  #: Chosen scenarios; the usual ones if empty
     directions: str = ""  #: Grid of headings as ``COUNT`` or ``COUNT+DEGREES``; the usual one if empty
+    size: float = 0.0  #: The only push tried, as impulse over mass [m/s]; the largest one is searched when 0
     contender: str = ""  #: Controller to test instead of poise, by the name of ``contender.load``; poise if empty
     sweep: Sweep = field(default_factory=Sweep)  #: Executor and store of the cases
 

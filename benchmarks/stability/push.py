@@ -252,6 +252,8 @@ class Push(Benchmark):
     measure = staticmethod(measure)
 
     def cases(self, options: Options) -> list[Case]:
+        if options.size:
+            raise ConfigError("bench push --mode stand: the size is in parts of the ankle bound; it has no --size")
         return [
             {"robot": options.robot, "seed": seed, "angle": angle, "contender": options.contender}
             for seed in options.each_seed()

@@ -208,9 +208,10 @@ def bounds(loop: ClosedLoop, trial: Trial) -> dict[str, float]:
     }
 
 
-def measure(robot: str, mode: str, seed: int, angle: float, contender: str = "") -> Case:
+def measure(robot: str, mode: str, seed: int, angle: float, contender: str = "", size: float = 0.0) -> Case:
     """Bisect the push in one direction, from the robot's heading [rad]; ``reason`` is that of ``failed_dv``.
 
+    With a ``size`` [m/s] only that one is tried, at every moment; ``dv`` is that size when all are taken, else 0.
     A robot that is not ready for the push at every moment takes none.
     """
     config, loop = map_config(), loop_of(robot, contender)
@@ -218,16 +219,17 @@ def measure(robot: str, mode: str, seed: int, angle: float, contender: str = "")
     failed: dict[str, Any] = {"failed_dv": math.nan, "failed_phase": 0, "reason": "", "moments": {}}
     limits: list[dict[str, float]] = []
 
+    def takes(trial: Trial, dv: float) -> bool:
+        prepare(loop, trial)
+        outcome = survives(loop, trial, dv)
+        if outcome.reason:
+            failed.update(failed_dv=dv, failed_phase=trial.phase, reason=outcome.reason)
+            failed["moments"] = moments(loop, outcome)
+        return not outcome.reason
+
     def holds(dv: float) -> bool:
         # The moment that failed last is the likeliest to fail again.
-        for trial in sorted(trials, key=lambda trial: trial.phase != failed["failed_phase"]):
-            prepare(loop, trial)
-            outcome = survives(loop, trial, dv)
-            if outcome.reason:
-                failed.update(failed_dv=dv, failed_phase=trial.phase, reason=outcome.reason)
-                failed["moments"] = moments(loop, outcome)
-                return False
-        return True
+        return all(takes(trial, dv) for trial in sorted(trials, key=lambda each: each.phase != failed["failed_phase"]))
 
     for trial in trials:
         try:
@@ -237,8 +239,12 @@ def measure(robot: str, mode: str, seed: int, angle: float, contender: str = "")
             limits = [{"ankle_dv": 0.0, "steps_dv": 0.0}]
             break
         limits.append(bounds(loop, trial))
-    search = Search(config.first, config.largest, config.stride, config.resolution)
-    dv, pushes = (0.0, 0) if failed["reason"] else largest(holds, search)
+    dv, pushes, taken = 0.0, 0, 0
+    if not failed["reason"] and size:
+        pushes, taken = len(trials), sum(takes(trial, size) for trial in trials)
+        dv = size if taken == pushes else 0.0
+    elif not failed["reason"]:
+        dv, pushes = largest(holds, Search(config.first, config.largest, config.stride, config.resolution))
     mass = loop.robot.mass
     return {
         "dv": dv,
@@ -246,6 +252,7 @@ def measure(robot: str, mode: str, seed: int, angle: float, contender: str = "")
         "mass": mass,
         **{name: min(limit[name] for limit in limits) for name in limits[0]},
         "pushes": pushes,
+        **({"taken": taken} if size else {}),
         **failed,
     }
 
@@ -262,6 +269,9 @@ def summarise(results: list[Case]) -> dict[str, float]:
         "steps_dv_min": min(case["steps_dv"] for case in results),
         "legs_touched": float(sum(LEGS_TOUCH in case["reason"] for case in results)),
     }
+    if "taken" in results[0]:
+        figures |= {name: float(sum(case[name] for case in results)) for name in ("taken", "pushes")}
+        figures["directions_taken"] = float((dv > 0.0).sum())
     for bound in ("ankle", "steps"):
         limits = np.array([min(case[f"{bound}_dv"] for case in results if case["angle"] == angle) for angle in angles])
         of_bound = dv[limits > 0.0] / limits[limits > 0.0]  # none where the DCM was beyond the edge already
@@ -314,6 +324,7 @@ class PushWithSteps(Benchmark):
         config, mode = map_config(), self.mode.value
         return [
             {"robot": options.robot, "mode": mode, "seed": seed, "angle": angle, "contender": options.contender}
+            | ({"size": options.size} if options.size else {})
             for seed in options.each_seed(config.first_seed[self.mode])
             for angle in angles(config.directions[self.mode], options)
         ]
@@ -323,6 +334,8 @@ class PushWithSteps(Benchmark):
 
     def bounds(self, report: Report) -> dict[str, Bound]:
         required = map_config().required[self.mode]
+        if size := report.cases[0].get("size"):
+            return at_least({"dv_min": size})
         return at_least({"dv_min": required.smallest, "dv_median": required.median})
 
     def notes(self, report: Report) -> list[str]:

@@ -121,6 +121,23 @@ def test_a_direction_holds_what_every_phase_holds(monkeypatch: pytest.MonkeyPatc
     assert found["failed_phase"] == 1 and found["failed_dv"] > 0.7 and found["reason"] == "fell"
     assert found["moments"] == {"t": [11.0]}
     assert (found["ankle_dv"], found["steps_dv"]) == (0.4, 0.0)
+    of_size = [push_map.measure("g1", "walk", 0, 0.0, size=size) | {"angle": size} for size in (0.6, 0.9)]
+    assert [(case["dv"], case["taken"], case["pushes"]) for case in of_size] == [(0.6, 3, 3), (0.0, 2, 3)]
+    assert of_size[1]["failed_phase"] == 1
+    figures = push_map.summarise(of_size)
+    assert (figures["taken"], figures["pushes"], figures["directions_taken"]) == (5.0, 6.0, 1.0)
+
+
+def test_with_a_size_no_other_push_is_tried_and_every_direction_must_take_it() -> None:
+    bench = catalogue()["push_step"].load()
+    assert {each["size"] for each in bench.cases(Options("g1", size=0.9))} == {0.9}
+    assert not any("size" in each for each in bench.cases(Options("g1")))
+    sized = {"size": 0.9, "taken": 3, "pushes": 3}
+    for dv, good in ((0.9, True), (0.0, False)):
+        results = [case(0.0, 0.9) | sized, case(1.0, dv) | sized]
+        assert passed(results) is good
+    with pytest.raises(ConfigError, match="ankle bound"):
+        catalogue()["push"].load().cases(Options("g1", size=0.9))
 
 
 def test_a_push_is_explained_from_shortly_before_it_on_though_another_one_came_first(
