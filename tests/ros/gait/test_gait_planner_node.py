@@ -217,7 +217,7 @@ def test_listed_footsteps_name_their_soles_or_alternate(robot: Commanded) -> Non
         (path(("l_sole", 0.1, right.y)), "footstep 1 (left) refused: legs would cross"),
         (
             path(("l_sole", 0.1, left.y), z=0.3),
-            "footstep 1 (left) refused: 0.300 m above the right sole, at most 0.200 m",
+            "footstep 1 (left) refused: 0.300 m above the right sole, at most 0.204 m",
         ),
         (
             path(("l_sole", 0.1, left.y), slope=-0.4),

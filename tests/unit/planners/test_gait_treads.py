@@ -39,7 +39,7 @@ def step(foot: int, x: float, z: float, slope: tuple[float, float] = (0.0, 0.0))
 @pytest.mark.parametrize(
     ("steps", "reason"),
     [
-        ([step(LEFT, 0.2, 0.21)], r"footstep 1 \(left\) refused: 0.210 m above the right sole, at most 0.200 m"),
+        ([step(LEFT, 0.2, 0.21)], r"footstep 1 \(left\) refused: 0.210 m above the right sole, at most 0.204 m"),
         ([step(LEFT, 0.2, 0.1), step(RIGHT, 0.2, -0.15)], r"footstep 2 \(right\) refused: 0.250 m below the left sole"),
         ([step(LEFT, 0.2, math.nan)], "nan m below the right sole"),
         ([step(LEFT, 0.2, 0.0, (0.3, 0.0))], r"tilted by 0.291 rad, at most 0.245 rad"),
