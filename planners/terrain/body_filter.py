@@ -43,11 +43,12 @@ class BodyFilter:
         for foot in robot.feet:
             sole = robot.pin.frames[foot.frame_id]
             x_min, x_max, y_min, y_max = foot.rectangle
-            middle = 0.5 * (y_min + y_max)
-            # the capsule ends at the sole: below it there is ground
-            places = [sole.placement.act(np.array([x, middle, config.foot])) for x in (x_min, x_max)]
-            start, end = (_End(sole.parentJoint, place) for place in places)
-            capsules.append(_Capsule(start, end, config.foot))
+            inset = min(0.5 * config.foot, 0.5 * (y_max - y_min))
+            for y in sorted({y_min + inset, y_max - inset}):
+                # the capsule ends at the sole: below it there is ground
+                places = [sole.placement.act(np.array([x, y, config.foot])) for x in (x_min, x_max)]
+                start, end = (_End(sole.parentJoint, place) for place in places)
+                capsules.append(_Capsule(start, end, config.foot))
         capsules += _between(robot, capsules)
         self._capsules, self._radii = capsules, np.array([capsule.radius for capsule in capsules])
 
