@@ -38,7 +38,7 @@ _AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason wh
 class Costs(NamedTuple):
     """Costs of a plan; each step costs 1."""
 
-    left: float = 6.0  #: Of every stride of the distance that is left at its end
+    left: float = 12.0  #: Of every stride that is left at its end: more than a step in reach costs, so that it goes on
     long: float = 60.0  #: Of the square of what a step, with its rise, is longer than the stride, or its swing than two
     crouch: float = 200.0  #: Of the square of how much lower the body is between both soles [1/m^2]
     edge: float = 0.6  #: Of a sole beside an edge
