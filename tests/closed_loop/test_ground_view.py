@@ -49,8 +49,8 @@ def test_a_reset_forgets_the_ground_and_a_robot_without_sensors_is_refused() -> 
     np.testing.assert_array_equal(view.mapper.map.height, first)
     with pytest.raises(PoiseError, match="terrain_map=True"):
         _ = ClosedLoop("g1", record=False).ground_view
-    with pytest.raises(ConfigError, match="terrain_map: talos has neither"):
-        ClosedLoop("talos", terrain_map=True)
+    with pytest.raises(ConfigError, match="terrain_map: talos_hardware has neither"):
+        ClosedLoop("talos_hardware", terrain_map=True)
 
 
 def test_a_box_that_appears_is_in_the_map_within_a_second_and_gone_within_another() -> None:

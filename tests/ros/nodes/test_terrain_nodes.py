@@ -180,8 +180,8 @@ def test_nothing_is_cast_without_a_subscriber(bench: Any, g1: RobotModel) -> Non
         world.tick()
     node.publish_diagnostics()
     assert node.message == "no subscriber" and "newest depth took [ms]" not in node.values
-    refused = bench.add(RangeSensorNode, active=False, robot="talos")
-    assert "talos: sensors.depth, sensors.lidar" in refused.message
+    refused = bench.add(RangeSensorNode, active=False, robot="talos_hardware")
+    assert "talos_hardware: sensors.depth, sensors.lidar" in refused.message
 
 
 def test_what_waits_is_dropped_when_time_runs_backwards_and_on_activation(bench: Any, g1: RobotModel) -> None:

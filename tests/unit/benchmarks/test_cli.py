@@ -205,8 +205,8 @@ def test_unknown_faults_are_refused_before_anything_starts() -> None:
 
 def test_a_terrain_map_without_sensors_is_refused_before_anything_starts() -> None:
     pytest.importorskip("rclpy")
-    result = RUNNER.invoke(app, ["up", "--robot", "talos", "--terrain-map"])
-    assert result.exit_code == 2 and "talos has neither sensors.depth nor sensors.lidar" in result.output
+    result = RUNNER.invoke(app, ["up", "--robot", "talos_hardware", "--terrain-map"])
+    assert result.exit_code == 2 and "talos_hardware has neither sensors.depth nor sensors.lidar" in result.output
     assert "start without --terrain-map" in result.output
 
 

@@ -72,6 +72,19 @@ def test_on_stairs_every_sole_is_on_a_tread_and_the_feet_come_together(mapper: T
     assert all(heights.count(height) >= 2 for height in heights)  # both feet on each
 
 
+@pytest.mark.parametrize("rise", [0.15, -0.15, -0.18])
+def test_a_plan_does_not_end_on_a_tread_while_the_next_is_in_reach(robot: RobotModel, rise: float) -> None:
+    """Whatever a step costs for its length, crouch and edges, it costs less than the way that it saves."""
+    gait, toe = load_gait_config(robot), robot.feet[0].rectangle[1]
+    middles = 0.02 * np.arange(-75, 75) + 0.01
+    risers = np.maximum(np.floor((middles - toe - 0.05) / 0.3) + 1.0, 0.0)
+    ground = Heights(np.repeat(rise * risers[:, None], 150, axis=1), (-1.5, -1.5), 0.02)
+    query = GroundQuery(START, 2.0, soles_at(START, gait.reach.width))
+    steps, why = GroundPlanner(robot, gait).plan(ground, query)
+    assert why == "the ground ahead is not known"  # the map ends 1.5 m ahead
+    assert [level(step.hold) for step in steps] == [round(rise * (1 + i // 2), 2) for i in range(8)]
+
+
 @pytest.mark.parametrize(
     ("rise", "reason"), [(0.3, "0.30 m higher, at most 0.20 m"), (-0.4, "0.40 m lower, at most 0.20 m")]
 )

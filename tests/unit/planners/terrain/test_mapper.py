@@ -195,14 +195,12 @@ def test_patches_are_those_of_the_map(g1: RobotModel, mapper: TerrainMapper) -> 
     assert high.contains(0.9, 0.0) and high.height(0.9, 0.0) == pytest.approx(0.15, abs=1e-3)
 
 
-def test_clouds_without_a_reference_or_of_a_wrong_form_are_not_mapped(
-    g1: RobotModel, talos: RobotModel, mapper: TerrainMapper
-) -> None:
+def test_clouds_without_a_reference_or_of_a_wrong_form_are_not_mapped(g1: RobotModel, mapper: TerrainMapper) -> None:
     q = g1.standing_configuration()
     assert mapper.update(cloud_of(g1, q, ground(0.0)), Posture(q, (False, False))) == 0
     with pytest.raises(MessageError, match="frame: 'imu', expected one of depth_optical_frame, lidar"):
         mapper.update(PointCloud(0.0, "imu", np.zeros((1, 3))), Posture(q, BOTH))
     with pytest.raises(MessageError, match="points: a coordinate"):
         mapper.update(PointCloud(0.0, DEPTH_FRAME, np.full((1, 3), np.nan)), Posture(q, BOTH))
-    with pytest.raises(ConfigError, match=r"talos: sensors\.depth, sensors\.lidar"):
-        TerrainMapper(talos)
+    with pytest.raises(ConfigError, match=r"talos_hardware: sensors\.depth, sensors\.lidar"):
+        TerrainMapper(RobotModel.load("talos_hardware"))
