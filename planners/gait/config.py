@@ -165,6 +165,7 @@ class GroundConfig:
     #: Soles, with the one that stands, over which the slope expected at the next landing is the median
     slope_steps: Annotated[int, Field(ge=1, le=9)]
     slope_max: Positive  #: Steepest expected slope [-]
+    level: Positive  #: Of known ground, up to which difference of height the feet go ahead in turn [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, structs
 from numpy.typing import NDArray
 
 from models.errors import PoiseError
@@ -22,11 +22,13 @@ from planners.terrain.elevation_map import Heights
 from planners.terrain.survey import BESIDE, GRID, SoleSurvey, Survey
 
 _ASIDE = 0.30  #: To either side of the line they reach [m]
-_LEVEL = 0.03  #: Difference of height up to which places are on one level, and of way up to which feet are together [m]
+_LEVEL = 0.03  #: Difference of height from which ground is another, and of way up to which feet are together [m]
 _BESIDE = 0.10  #: Of way up to which feet are beside each other before and after a step to another level [m]
 _COMFORT = 0.01  #: Room ahead and back from which on an edge does not matter [m]
 _INSIDE = 0.01  #: A step is planned so far inside the reach [m]
-_STANCE = 0.08  #: Difference from the nominal stance in which a plan may end [m]
+_STANCE = 0.03  #: Difference from the nominal stance in which a plan may end, beyond the width of a sole [m]
+_SHIFT = 0.2  #: From the line to those beside it [m]
+_SOON = 1.0  #: A plan that ends before this way is compared with those beside it [m]
 _DEPTH = 40  #: Footsteps of a plan at most
 _WIDTH = 80  #: Beginnings of plans that are kept after each step
 _KEY = (0.04, 0.06)  #: Of beginnings whose feet are this near to each other along and across, the best is kept [m]
@@ -77,6 +79,7 @@ class _Limits(NamedTuple):
     stride: float
     level: float
     beside: float
+    flat: float  #: Difference of height between places on one level
     comfort: float
     leg: float
 
@@ -101,6 +104,8 @@ class GroundPlanner:
     def __init__(self, robot: RobotModel, config: GaitConfig, stride: float = 0.25, costs: Costs | None = None) -> None:
         self._config, self._costs = config, costs or Costs()
         self._ground = SoleSurvey(robot, config.swing.edge)
+        y_min, y_max = robot.feet[LEFT].rectangle[2:]
+        self._stance = _STANCE + y_max - y_min
         reach, limits, period = config.reach, config.velocity, config.period
         self._limits = _Limits(
             reach.forward - _INSIDE,
@@ -113,6 +118,7 @@ class GroundPlanner:
             stride,
             _LEVEL,
             _BESIDE,
+            config.ground.level,
             _COMFORT,
             config.leg,
         )
@@ -121,8 +127,30 @@ class GroundPlanner:
         self.plan(level, GroundQuery(Foothold(0.0, 0.0, 0.0), 0.1, soles))  # compile now, not for the first plan
 
     def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
-        """Footsteps from the feet of a query to the end of its way, or as near to it as they get."""
-        line, first = query.line, [query.line.relative(sole.x, sole.y) for sole in query.feet]
+        """Footsteps from the feet of a query to the end of its way, or as near to it as they get.
+
+        Where they end soon they are planned beside the line, too: wide soles stand on both sides of a gap along the
+        way. Such a plan is used where nothing is too high for a step between it and the line.
+        """
+        found, way = self._plan_along(ground, query, query.line)
+        begin = max(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
+        if not found.reason or way >= begin + _SOON:
+            return found
+        ways = np.arange(begin, begin + _SOON, ground.cell).tolist()
+        sides = np.arange(-_SHIFT - _ASIDE, _SHIFT + _ASIDE, ground.cell).tolist()
+        heights = ground.at(np.array([query.line.moved(x, y) for x in ways for y in sides]))
+        if (heights > max(sole.z for sole in query.feet) + self._limits.rise).any():
+            return found
+        for side in (_SHIFT, -_SHIFT):
+            x, y = query.line.moved(0.0, side)
+            other, end = self._plan_along(ground, query, structs.replace(query.line, x=x, y=y))
+            if end > way + self._limits.stride:
+                found, way = other, end
+        return found
+
+    def _plan_along(self, ground: Heights, query: GroundQuery, line: Foothold) -> tuple[GroundPlan, float]:
+        """A plan along a line, and the way of its leading foot there [m]."""
+        first = [line.relative(sole.x, sole.y) for sole in query.feet]
         begin = min(place[0] for place in first)
         count = max(math.ceil((query.distance - begin) / GRID[0]), 0) + 1
         felt = max(place[0] for place in first) + self._limits.stride
@@ -155,8 +183,9 @@ class GroundPlanner:
         for step in steps:
             feet[step.foot] = step.hold
         leading = max(feet, key=lambda sole: line.relative(sole.x, sole.y)[0])
-        arrived = query.distance - line.relative(leading.x, leading.y)[0] <= _LEVEL
-        return GroundPlan(steps, "" if arrived else self._obstacle(ground, leading, line.yaw))
+        end = line.relative(leading.x, leading.y)[0]
+        arrived = query.distance - end <= _LEVEL
+        return GroundPlan(steps, "" if arrived else self._obstacle(ground, leading, line.yaw)), end
 
     def level(self, ground: Heights, query: GroundQuery) -> bool:
         """Whether the ground along the way is known, and level to where the feet walk, so that no plan is needed."""
@@ -190,7 +219,8 @@ class GroundPlanner:
         """Costs of plans that end here; infinite where the feet are not side by side."""
         apart = begun.at[:, LEFT] - begun.at[:, RIGHT]  # (k, 3)
         off = np.hypot(apart[:, 0], apart[:, 1] - self._limits.width)
-        stands = (np.abs(apart[:, 0]) <= _LEVEL + 1e-9) & (np.abs(apart[:, 2]) <= _LEVEL) & (off <= _STANCE)
+        stands = (np.abs(apart[:, 0]) <= _LEVEL + 1e-9) & (off <= self._stance)
+        stands &= np.abs(apart[:, 2]) <= self._limits.flat
         left = np.maximum(distance - begun.at[:, :, 0].mean(axis=1), 0.0)
         costs: Vector = np.where(stands, begun.cost + self._costs.left * left / self._limits.stride, np.inf)
         return costs
@@ -268,7 +298,7 @@ def _expand(
         foot = begun.foot[n]
         stance, before, side = begun.at[n, 1 - foot], begun.at[n, foot], 1.0 if foot == LEFT else -1.0
         together = abs(stance[0] - before[0]) <= limits.beside + 1e-9
-        apart = abs(stance[2] - before[2]) > limits.level
+        apart = abs(stance[2] - before[2]) > limits.flat
         for i in range(shape[1]):
             ahead, swing = ways[i] - stance[0], ways[i] - before[0]
             beside = abs(ahead) <= limits.beside + 1e-9
@@ -289,7 +319,7 @@ def _expand(
                     rise = 0.0
                 else:
                     continue
-                if abs(rise) > limits.rise or (abs(rise) > limits.level and (apart or not together)):
+                if abs(rise) > limits.rise or (abs(rise) > limits.flat and (apart or not together)):
                     continue
                 longer = max(ahead + abs(rise) - limits.stride, 0.0)
                 farther = max(swing - 2.0 * limits.stride, 0.0)

@@ -174,7 +174,7 @@ def test_robots_without_them_and_senseless_values_are_refused(g1: RobotModel, tm
 
 
 def test_the_body_hides_no_floor_ahead_of_the_feet_and_none_of_it_is_mapped(robot: RobotModel) -> None:
-    """While it stands; in the simulator without errors. Where the feet go next, from 0.4 m ahead on, two pictures show nearly all."""
+    """While it stands, without errors: two pictures show nearly all of where the feet go next, from 0.4 m ahead on."""
     q, world = robot.standing_configuration(), RayWorld(robot)
     world.set(q)
     mapper = TerrainMapper(robot)

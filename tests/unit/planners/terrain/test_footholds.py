@@ -140,6 +140,27 @@ def test_on_stones_it_comes_back_to_its_line_and_ends_side_by_side(mapper: Terra
             assert stones(x, y) == 0.0
 
 
+@pytest.mark.parametrize("pole", [False, True])
+def test_wide_soles_cross_stones_in_two_columns_unless_something_high_stands_there(pole: bool) -> None:
+    """Both feet of TALOS do not fit on a stone; columns differ by 5 cm. The body might not pass beside a pole."""
+    talos = RobotModel.load("talos")
+    gait, (x_min, x_max, y_min, y_max) = load_gait_config(talos), talos.feet[0].rectangle
+
+    def height(x: float, y: float) -> float:
+        if pole and 0.6 < x < 0.64 and abs(y) < 0.03:
+            return 0.6
+        return stones(x, y) + (0.05 if x > 0.4 and (y + 0.15) % 0.9 > 0.45 else 0.0)
+
+    middles = 0.02 * np.arange(-75, 75) + 0.01
+    ground = Heights(np.array([[height(x, y) for y in middles] for x in middles]), (-1.5, -1.5), 0.02)
+    steps, _ = GroundPlanner(talos, gait).plan(ground, GroundQuery(START, 2.0, soles_at(START, gait.reach.width)))
+    farthest = max(step.hold.x for step in steps)
+    assert farthest < 0.4 if pole else farthest > 1.0
+    for step in steps:
+        for x, y in [(step.hold.x + x, step.hold.y + y) for x in (x_min, x_max) for y in (y_min, y_max)]:
+            assert stones(x, y) == 0.0 and step.hold.z == pytest.approx(height(x, y), abs=0.005)
+
+
 def test_soles_keep_away_from_the_riser_that_shin_or_heel_may_meet(mapper: TerrainMapper) -> None:
     """And steps down are no longer than a tread: farther ones take the rear ankle to its stop."""
     for sign in (1.0, -1.0):
