@@ -40,7 +40,8 @@ _AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason wh
 class Costs(NamedTuple):
     """Costs of a plan; each step costs 1."""
 
-    left: float = 12.0  #: Of every stride that is left at its end: more than a step in reach costs, so that it goes on
+    left: float = 6.0  #: Of every stride of the distance that is left, while the search goes on,
+    short: float = 12.0  #: and at the end of a plan: more than a step in reach costs, so that it goes on
     long: float = 60.0  #: Of the square of what a step, with its rise, is longer than the stride, or its swing than two
     crouch: float = 200.0  #: Of the square of how much lower the body is between both soles [1/m^2]
     edge: float = 0.6  #: Of a sole beside an edge
@@ -183,9 +184,9 @@ class GroundPlanner:
         for step in steps:
             feet[step.foot] = step.hold
         leading = max(feet, key=lambda sole: line.relative(sole.x, sole.y)[0])
-        end = line.relative(leading.x, leading.y)[0]
-        arrived = query.distance - end <= _LEVEL
-        return GroundPlan(steps, "" if arrived else self._obstacle(ground, leading, line.yaw)), end
+        way = line.relative(leading.x, leading.y)[0]
+        arrived = query.distance - way <= _LEVEL
+        return GroundPlan(steps, "" if arrived else self._obstacle(ground, leading, line.yaw)), way
 
     def level(self, ground: Heights, query: GroundQuery) -> bool:
         """Whether the ground along the way is known, and level to where the feet walk, so that no plan is needed."""
@@ -222,7 +223,7 @@ class GroundPlanner:
         stands = (np.abs(apart[:, 0]) <= _LEVEL + 1e-9) & (off <= self._stance)
         stands &= np.abs(apart[:, 2]) <= self._limits.flat
         left = np.maximum(distance - begun.at[:, :, 0].mean(axis=1), 0.0)
-        costs: Vector = np.where(stands, begun.cost + self._costs.left * left / self._limits.stride, np.inf)
+        costs: Vector = np.where(stands, begun.cost + self._costs.short * left / self._limits.stride, np.inf)
         return costs
 
     def _next(

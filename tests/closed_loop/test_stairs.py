@@ -100,3 +100,10 @@ def test_in_front_of_a_riser_that_is_too_high_it_stands_and_says_so() -> None:
 def test_with_a_fault_of_its_sight_it_does_not_fall(scenario: str) -> None:
     case = climb("g1", 23, scenario)
     assert case["survived"], case["reason"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("scenario", ["seen_15", "seen_stones"])
+def test_talos_climbs_stairs_and_crosses_stones_that_it_sees(scenario: str) -> None:
+    case = climb("talos", 300, scenario)
+    assert case["survived"], case["reason"]
