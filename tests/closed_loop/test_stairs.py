@@ -96,9 +96,9 @@ def test_in_front_of_a_riser_that_is_too_high_it_stands_and_says_so() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("scenario", ["seen_high", "seen_appears"])
-def test_with_a_fault_of_its_sight_it_does_not_fall(scenario: str) -> None:
-    case = climb("g1", 23, scenario)
+@pytest.mark.parametrize(("scenario", "seed"), [("seen_high", 23), ("seen_appears", 23), ("seen_ahead", 662)])
+def test_with_a_fault_of_its_sight_it_does_not_fall(scenario: str, seed: int) -> None:
+    case = climb("g1", seed, scenario)
     assert case["survived"], case["reason"]
 
 
