@@ -334,7 +334,7 @@ class PushWithSteps(Benchmark):
 
     def bounds(self, report: Report) -> dict[str, Bound]:
         required = map_config().required[self.mode]
-        if size := report.cases[0].get("size"):
+        if report.cases and (size := report.cases[0].get("size")):
             return at_least({"dv_min": size})
         return at_least({"dv_min": required.smallest, "dv_median": required.median})
 
