@@ -582,7 +582,8 @@ class GaitPlanner:
         share = self.config.route.pace if gait.command.route.steps else share_of(velocity, config)
         pace = pace_at(max(share, share_within(velocity, longest, config)), config, gait.urgency)
         least = gait.command.route.swing if gait.command.route.steps else 0.0
-        gait.pace = pace._replace(single=max(pace.single, least), clearance=pace.clearance + gait.soles.roughness)
+        rough = 0.0 if gait.command.route.known else gait.soles.roughness
+        gait.pace = pace._replace(single=max(pace.single, least), clearance=pace.clearance + rough)
 
     @property
     def must_step(self) -> bool:
