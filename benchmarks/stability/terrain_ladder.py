@@ -141,7 +141,7 @@ class TerrainLadder(Benchmark):
         for name, levels in levels_of(report.cases).items():
             counts = (f"{level:g}: {survived} of {total}" for level, (survived, total) in levels.items())
             lines.append(f"{name} [{config.ladders[name].unit}]: {', '.join(counts)}")
-        if seeds[0] < config.judging_seed:
+        if seeds and seeds[0] < config.judging_seed:
             lines.append(
                 f"seeds from {seeds[0]} on are for tuning and judge nothing; those from {config.judging_seed} do"
             )
