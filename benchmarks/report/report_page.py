@@ -15,7 +15,15 @@ from benchmarks.core.provenance import ROOT
 from benchmarks.core.results import line_text
 from benchmarks.report import report_plots
 from benchmarks.report.report_plots import Reports, robots_of, save
-from benchmarks.report.report_survival import DOING, draw_curves, draw_push_maps, draw_shares, draw_terrain, shares
+from benchmarks.report.report_survival import (
+    DOING,
+    draw_curves,
+    draw_ladder_curves,
+    draw_push_maps,
+    draw_shares,
+    draw_terrain,
+    shares,
+)
 from benchmarks.report.suite import REPORTS, Failure, Progress, SavedReport, latest_lines, read_progress, read_reports
 from benchmarks.stability.push import direction_name
 from models.errors import ConfigError, PoiseError
@@ -237,6 +245,7 @@ PICTURES: tuple[tuple[str, str, Callable[[Reports], Figure | None]], ...] = (
     ("Survival over time and size of push", "survival-curves", draw_curves),
     ("Push maps", "push-maps", draw_push_maps),
     ("Uneven ground", "terrain", draw_terrain),
+    ("Ladders of ground", "ladders", draw_ladder_curves),
     ("Speed tracking", "speeds", report_plots.draw_speeds),
     ("Cost of transport", "cost-of-transport", report_plots.draw_cost),
     ("Time", "times", report_plots.draw_times),

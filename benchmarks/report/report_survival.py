@@ -17,6 +17,7 @@ from benchmarks.report.report_plots import MAP, Reports, colour, look, robots_of
 from benchmarks.stability import push, push_map
 from benchmarks.stability.push import draw_rings
 from benchmarks.stability.terrain import TerrainConfig
+from benchmarks.stability.terrain_ladder import draw_ladders
 from bridge.analysis.plots import new_figure
 
 CONFIDENCE = 0.95  # of the two-sided intervals [-]
@@ -201,6 +202,12 @@ def draw_terrain(reports: Reports) -> Figure | None:
     walk = f"{given.duration:.0f} s at {given.speed:g} m/s"
     axes.set_title(f"Blind walks of {walk} that were survived, {', '.join(robots)}", fontsize=11)
     return figure
+
+
+def draw_ladder_curves(reports: Reports) -> Figure | None:
+    """Shares survived over the levels of every ladder."""
+    found = [report for (bench, _), report in reports.items() if bench == "terrain_ladder"]
+    return draw_ladders(found) if found else None
 
 
 def _ground(name: str, given: TerrainConfig) -> str:

@@ -55,8 +55,9 @@ class Flight:
 
     rise: float  #: Of each step [m]
     seen: bool = False  #: By its own depth camera and lidar; else by its geometry
-    count: Annotated[int, Field(ge=0)] | None = None  #: Risers up, or rows of stones; those of all stairs when None
+    count: Annotated[int, Field(ge=0)] | None = None  #: Risers up, rows of stones or tiles; as all stairs when None
     gap: Positive | None = None  #: Between stones as long as a tread, of heights up to ``rise``; stairs when None [m]
+    tile: Positive | None = None  #: Edge of tiles of heights up to ``rise``; stairs when None [m]
     box: tuple[Positive, Positive] | None = None  #: Length and width of a box of height ``rise``; on level ground [m]
     around: bool = False  #: The robot walks around what is in the way
     fault: Fault | None = None  #: Of its sight
@@ -86,13 +87,18 @@ _config = partial(settings, StairsConfig, "stairs")
 
 
 def climb(robot: str, seed: int, scenario: str) -> Case:
+    """Climb and descend a flight of the settings, by its name (``climb_flight``)."""
+    config = _config()
+    return climb_flight({**config.rises, **config.goals}[scenario], robot, seed)
+
+
+def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
     """Climb and descend one flight; ``distance`` is the way of the base, ``torque`` the largest share of a leg's limit.
 
     A walk survives when it does not fall, takes every footstep, and stands behind the stairs; where a box appears, when
     it stands in front of that with the reason.
     """
     config = _config()
-    flight = {**config.rises, **config.goals}[scenario]
     terrain, way = _ground(flight, config, seed)
     loop = ClosedLoop(robot, seed=seed, terrain=terrain, terrain_map=flight.seen, record_period_s=config.record_period)
     demand(loop, "walk")
@@ -147,6 +153,9 @@ def _ground(flight: Flight, config: StairsConfig, seed: int) -> tuple[Terrain, f
         length, width = flight.box
         box = Box((length, width, flight.rise), (patch + 0.5 * length, 0.0))
         return Terrain("flat", patch=patch, obstacle=box), patch + length
+    if flight.tile is not None:
+        way = patch + count * flight.tile
+        return Terrain("tiles", flight.rise, flight.tile, patch=patch, length=way + _BEHIND, seed=seed), way
     if flight.gap is not None:
         way = patch + count * (config.tread + flight.gap) + flight.gap
         length = way + config.tread + _ROUNDING  # one row of stones more

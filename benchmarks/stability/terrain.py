@@ -17,14 +17,15 @@ from models.config import STRICT, NonNegative, Positive, Share
 from models.heading import heading
 from models.robot_model import RobotModel
 from models.terrain import FLAT, terrain_named
+from models.terrain import Terrain as Ground
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Condition:
     """What makes a walk hard."""
 
-    #: Name of the ground, see ``models/config/terrain.yaml``; random tiles get the seed of the case
-    terrain: str = FLAT
+    #: The ground, or its name in ``models/config/terrain.yaml``; random tiles get the seed of the case
+    terrain: str | Ground = FLAT
     friction: Positive | None = None  #: Coulomb coefficient [-]; the robot's when None
     payload: NonNegative = 0.0  #: Unknown mass at the torso, as a share of the robot's [-]
     delay: NonNegative = 0.0  #: Added to that of sensors and commands [s]
@@ -51,9 +52,14 @@ _robot = cache(RobotModel.load)
 
 
 def walk(robot: str, seed: int, scenario: str, contender: str = "") -> Case:
+    """Walk straight ahead under a condition of the settings, by its name (``walk_under``)."""
+    config = _config()
+    return walk_under({**config.conditions, **config.goals}[scenario], robot, seed, contender)
+
+
+def walk_under(condition: Condition, robot: str, seed: int, contender: str = "") -> Case:
     """Walk straight ahead under one condition; ``trips`` are feet that were caught, ``moments`` of a failed walk."""
     config = _config()
-    condition = {**config.conditions, **config.goals}[scenario]
     model = _robot(robot)
     latency = model.profile.sensors.latency
     conditions: dict[str, Any] = {

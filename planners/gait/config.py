@@ -166,6 +166,11 @@ class GroundConfig:
     slope_steps: Annotated[int, Field(ge=1, le=9)]
     slope_max: Positive  #: Steepest expected slope [-]
     level: Positive  #: Of known ground, up to which difference of height the feet go ahead in turn [m]
+    #: Height by which a landing may miss what is expected, before the ground counts as rough [m]
+    even: NonNegative
+    rough_max: NonNegative  #: Largest height by which swing feet are lifted higher on rough ground [m]
+    rough_steps: Positive  #: Steps in which that fades [-]
+    rough_trip: NonNegative  #: Height of rough ground over which a foot has tripped [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -49,6 +49,7 @@ class SoleState(Struct, frozen=True):
     samples: Matrix  # slopes of the last soles in single support, oldest first (n, 2) [-]
     measured: Feet  # soles of the last tick
     levels: Point = (0.0, 0.0)  # known height of the ground under each foot [m]; that under the stance foot if felt
+    roughness: float = 0.0  # height by which the ground differs from the expected one [m]
     landing: Footstep | None = None  # of the foot in the air, if its height is known; on the scale of ``levels``
 
     def ground(self) -> float:
@@ -142,7 +143,7 @@ class Soles:
         expected slope is the median of the last soles in single support. The other sole does not count now unless it
         is ``flat``: on an edge, the expected slope is taken for its own.
         """
-        config, sole = self._config.swing, measured.soles[foot]
+        config, ground, sole = self._config.swing, self._config.ground, measured.soles[foot]
         error = sole.z - _ground(soles, foot, sole, measured)
         surprise = error - soles.rise[foot]
         followed = soles.rise[foot] + min(max(surprise, -config.rise_step), config.rise_step)
@@ -160,8 +161,17 @@ class Soles:
             rise=(rise, soles.rise[1]) if foot == 0 else (soles.rise[0], rise),
             samples=samples,
             measured=soles.measured,
+            roughness=self._rougher(soles.roughness * (1.0 - 1.0 / ground.rough_steps), abs(surprise) - ground.even),
             levels=_with_level(soles.levels, foot, level),
         )
+
+    def tripped(self, soles: SoleState) -> SoleState:
+        """After a foot was caught by what it was to pass over."""
+        return structs.replace(soles, roughness=self._rougher(soles.roughness, self._config.ground.rough_trip))
+
+    def _rougher(self, before: float, height: float) -> float:
+        """Roughness after one more sample [m]: the largest of the last ones, bounded."""
+        return min(max(before, height), self._config.ground.rough_max)
 
     def standing_on(self, soles: SoleState, stance: int, measured: Measurement) -> SoleState:
         """In single support: the expected slope with that of the ``stance`` sole as the last sample."""

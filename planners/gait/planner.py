@@ -325,6 +325,9 @@ class GaitPlanner:
         swing = gait.swing
         if not urgent:  # the lag of an urgent foot would count as a trip
             swing = self._swing.detect_trip(swing, sole.x, sole.y, elapsed, gait.step.time, dt)
+            if swing.trips > gait.swing.trips:
+                before, gait.soles = gait.soles.roughness, self._soles.tripped(gait.soles)
+                swing = structs.replace(swing, clearance=swing.clearance + gait.soles.roughness - before)
         # The foot of an urgent step lags behind its reference; a late landing is worse than an early one.
         lead = config.swing.urgent_lead if urgent else 0.0
         duration = gait.step.time - lead
@@ -579,7 +582,8 @@ class GaitPlanner:
         share = self.config.route.pace if gait.command.route.steps else share_of(velocity, config)
         pace = pace_at(max(share, share_within(velocity, longest, config)), config, gait.urgency)
         least = gait.command.route.swing if gait.command.route.steps else 0.0
-        gait.pace = pace._replace(single=least) if least > pace.single else pace
+        rough = 0.0 if gait.command.route.known else gait.soles.roughness
+        gait.pace = pace._replace(single=max(pace.single, least), clearance=pace.clearance + rough)
 
     @property
     def must_step(self) -> bool:

@@ -12,6 +12,8 @@ from planners.gait.footsteps import Foothold
 from planners.gait.measurement import Measurement
 from planners.gait.route import Footstep
 from planners.gait.tread import Tread
+from tests.gaits import DT, in_single_support
+from tests.support import standing
 
 CONFIG = default_config(GaitConfig, "planners", "gait")
 
@@ -69,6 +71,29 @@ def test_errors_of_known_heights_do_not_come_back_with_later_plans(law: Soles, s
         levels.append(soles.levels[foot])  # as high as this sole
     assert errors[0] == pytest.approx(0.02, abs=drift + 1e-9)
     assert np.abs(errors[-6:]).max() < 0.001 + 3.0 * drift
+
+
+@pytest.mark.parametrize(("height", "rough"), [(0.004, 0.0), (0.04, 0.03), (-0.04, 0.03), (0.3, 0.05)])
+def test_ground_is_rough_where_a_foot_lands_off_its_height(
+    law: Soles, soles: SoleState, height: float, rough: float
+) -> None:
+    assert (CONFIG.ground.even, CONFIG.ground.rough_max) == (0.01, 0.05)
+    soles = law.landed(soles, 0, measured(left_z=height))
+    assert soles.roughness == pytest.approx(rough)
+    for _ in range(round(3 * CONFIG.ground.rough_steps)):
+        soles = law.landed(soles, 1, measured())
+    assert soles.roughness < 0.06 * rough + 1e-9
+
+
+def test_a_foot_that_is_caught_goes_higher_at_once_and_so_do_the_next(g1: RobotModel) -> None:
+    planner = in_single_support(g1)
+    lifted, level = planner.state.swing.clearance, planner.state.pace.clearance
+    while planner.trips == 0:
+        planner.step(standing(g1), DT)  # the foot stays where it was
+    trip = CONFIG.ground.rough_trip
+    assert planner.state.swing.clearance == pytest.approx(lifted + trip)
+    planner.step(standing(g1), DT)
+    assert planner.state.pace.clearance == pytest.approx(level + trip, abs=0.002)
 
 
 def test_a_foot_is_expected_to_land_in_the_slope_of_the_last_soles(law: Soles, soles: SoleState) -> None:
