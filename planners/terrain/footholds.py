@@ -99,7 +99,7 @@ class GroundPlanner:
 
     A beam search: from ``_WIDTH`` beginnings at most, each next step to every place of a lattice along the line where a
     sole lies on a plane and in reach. On one level the feet go ahead in turn; before and after a step to another level
-    one is hardly ahead of the other, and at the end they are side by side.
+    they are at most ``_BESIDE`` apart along it, and at the end side by side.
     """
 
     def __init__(self, robot: RobotModel, config: GaitConfig, stride: float = 0.25, costs: Costs | None = None) -> None:
