@@ -98,6 +98,7 @@ def test_a_fall_is_run_again_bit_for_bit(fallen: ClosedLoop) -> None:
     assert report.identical and report.compared == commanded - 1 > 3000 and report.ticks == len(record.t) - 1
 
 
+@pytest.mark.long
 def test_it_begins_with_any_checkpoint(fallen: ClosedLoop, tmp_path: Path) -> None:
     """Standing, walking, and with arms that wave on the way: what is put back is all of the state."""
     assert fallen.black_box is not None

@@ -1,9 +1,12 @@
 """Delay between a sample and its command."""
 
+import pytest
+
 from bridge.closed_loop import ClosedLoop
 from models.types import Mode
 
 
+@pytest.mark.long
 def test_the_robot_walks_with_a_delay_of_20_ms() -> None:
     """The drivers' torque lags behind the commands, which the joint monitor must not take for a broken motor."""
     loop = ClosedLoop(robot="g1", seed=21, delay_s=0.02, record=False)

@@ -44,6 +44,7 @@ def test_errors_while_squatting_and_pushed(robot: str) -> None:
     assert all(contact.active for contact in loop.state.contacts)
 
 
+@pytest.mark.long
 def test_covariance_is_honest_and_knows_more_about_yaw_never() -> None:
     """Standing, then pushed, over independent runs: errors as large as the covariance says, within 99.9 %."""
     loop, seeds = ClosedLoop("g1", record=False), range(5)

@@ -71,6 +71,7 @@ def test_a_velocity_or_a_stop_ends_a_route(loop: ClosedLoop) -> None:
     assert loop.gait.route.outcome == "stopped"
 
 
+@pytest.mark.long
 def test_it_waves_while_it_walks(loop: ClosedLoop) -> None:
     if loop.mode is not Mode.WALK:
         assert loop.command("walk").accepted

@@ -1,8 +1,11 @@
 """Slippery ground that no law expects, and slippery ground that is expected."""
 
+import pytest
+
 from bridge.closed_loop import ClosedLoop
 
 
+@pytest.mark.long
 def test_a_walk_over_slippery_ground_feels_its_friction() -> None:
     loop = ClosedLoop("g1", seed=1, record=False, friction=0.25)
     assert loop.command("walk").accepted

@@ -9,6 +9,7 @@ from models.errors import ConfigError, PoiseError
 from models.terrain import Ground, terrain_named
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["tiles", "slope_up"])
 def test_the_ground_ahead_of_a_walk_is_known_to_a_centimetre(name: str) -> None:
     terrain = terrain_named(name, seed=11)
@@ -72,6 +73,7 @@ def test_a_box_that_appears_is_in_the_map_within_a_second_and_gone_within_anothe
     assert (grid.known & (grid.height > 0.1)).sum() < 5
 
 
+@pytest.mark.long
 def test_a_walk_without_sight_keeps_the_map_true() -> None:
     """Up a slope: the rise of steps that no cloud shows is in the map."""
     terrain = terrain_named("slope_up", seed=5)

@@ -65,6 +65,7 @@ def test_both_walk_more_than_two_metres_at_velocities_of_their_own(other: str, s
         assert loop.mode is Mode.STAND and not loop.fallen
 
 
+@pytest.mark.long
 def test_one_stops_before_the_other() -> None:
     places = {"robot_2": Place(1.4, 0.0, np.pi)}
     shared = SharedWorld({"robot_1": "g1", "robot_2": "g1"}, places, seed=3, obstacle_stop=True, record=False)
@@ -80,6 +81,7 @@ def test_one_stops_before_the_other() -> None:
     assert not shared.world.touching("robot_1")
 
 
+@pytest.mark.long
 def test_without_the_scanner_they_meet() -> None:
     """The one that stands feels it: bodies in one world are no ghosts to each other."""
     places = {"robot_2": Place(1.0, 0.0, np.pi)}

@@ -72,6 +72,7 @@ def seeing(rise: float, seed: int, **terrain: Any) -> ClosedLoop:
     return loop
 
 
+@pytest.mark.long
 def test_it_climbs_and_descends_what_it_sees_without_a_stop() -> None:
     loop = seeing(0.15, 21, count=2, landing=0.6)
     base, begin = float(loop.truth.q[2]), loop.t

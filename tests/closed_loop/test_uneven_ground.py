@@ -7,6 +7,7 @@ from bridge.closed_loop import ClosedLoop
 from models.terrain import terrain_named
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("ground", "seed"), [("slope_across", 0), ("tiles", 9)])
 def test_walks_blindly(ground: str, seed: int) -> None:
     loop = ClosedLoop("g1", seed=seed, record=False, terrain=terrain_named(ground, seed=seed))

@@ -214,6 +214,7 @@ def test_a_standing_robot_steps_to_take_a_push_and_then_steps_back_to_its_stance
     )
 
 
+@pytest.mark.long
 def test_the_foot_that_has_just_landed_steps_again_when_that_catches_a_push() -> None:
     """Pushed towards the left foot as it lands: the right one could only cross behind it or in front."""
     loop = ClosedLoop("g1", seed=24, record=False)
@@ -231,6 +232,7 @@ def test_the_foot_that_has_just_landed_steps_again_when_that_catches_a_push() ->
     assert not loop.fallen, loop.fall_reason
 
 
+@pytest.mark.long
 def test_a_foot_that_has_just_lost_its_load_bears_again_when_the_other_one_catches_a_push() -> None:
     """Pushed to the left as the left foot lands, and the right one is still on the floor without a load."""
     loop, trial = loop_of("g1"), Trial(PushMode.WALK, 212, 0, 0.5 * math.pi)
@@ -238,6 +240,7 @@ def test_a_foot_that_has_just_lost_its_load_bears_again_when_the_other_one_catch
     assert survives(loop, trial, 0.9).reason == ""
 
 
+@pytest.mark.long
 def test_only_an_urgent_step_reaches_beyond_the_edge_of_the_support() -> None:
     loop = ClosedLoop("g1", seed=3, record=False)
     loop.command("walk")

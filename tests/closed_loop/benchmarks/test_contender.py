@@ -84,6 +84,7 @@ def test_the_drivers_execute_targets_and_commands_come_late(monkeypatch: pytest.
     assert len(loop._lockstep._queue) == 4  # what it has answered and the drivers do not have yet
 
 
+@pytest.mark.long
 def test_speed_and_terrain_tests_run_with_a_contender() -> None:
     """The baseline does not walk: it survives neither, and is scored like everybody."""
     case = walk_cases.measure(

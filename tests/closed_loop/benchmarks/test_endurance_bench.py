@@ -33,6 +33,7 @@ def short(g1: RobotModel) -> Case:
     return minute(g1, shares={**NOTHING, "word": 0.5, "nonsense": 0.5})
 
 
+@pytest.mark.long
 def test_everything_that_is_done_is_counted(short: Case) -> None:
     assert short["word"] + short["nonsense"] == 15
     assert short["velocity"] == short["push"] == 0
@@ -46,6 +47,7 @@ def test_nothing_happens_to_the_robot(short: Case) -> None:
     assert [row[0] for row in short["memory"]] == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0, 2.5])
 
 
+@pytest.mark.long
 def test_a_fall_is_reported_and_the_hour_goes_on(g1: RobotModel) -> None:
     case = minute(g1, push_stand=2.0, push_walk=2.0, shares={**NOTHING, "push": 1.0})
     assert not case["ok"]

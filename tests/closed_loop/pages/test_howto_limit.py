@@ -23,6 +23,7 @@ def test_the_com_stays_below_the_ceiling(root: Path, capsys: Any) -> None:
     assert "fallen: False" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_configured_height_is_kept() -> None:
     """A squat goes no lower."""
     model = RobotModel.load("talos")

@@ -175,6 +175,7 @@ def test_a_robot_that_comes_off_the_rope_is_damped_and_not_prepared_where_it_lie
         loop.startup.prepare()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lowered", [False, True])
 def test_a_robot_that_topples_before_it_stands_by_itself_is_damped(loop: HardwareLoop, lowered: bool) -> None:
     loop.reach(StartState.GANTRY)
@@ -190,6 +191,7 @@ def test_a_robot_that_topples_before_it_stands_by_itself_is_damped(loop: Hardwar
     assert damping(loop.link.sent[-1])
 
 
+@pytest.mark.long
 def test_no_robot_is_put_on_its_feet_under_a_hold(loop: HardwareLoop) -> None:
     loop.reach(StartState.GANTRY)
     loop.startup.confirm_gantry()
@@ -259,6 +261,7 @@ def test_a_guard_that_still_damps_after_a_crash_is_ended_for_the_robots_own_cont
     assert standing.startup.state is StartState.GANTRY
 
 
+@pytest.mark.long
 def test_a_robot_without_its_guard_is_not_released_and_not_prepared(loop: HardwareLoop) -> None:
     loop.reach(StartState.GANTRY)
     loop.running.discard(Process.GUARD)

@@ -156,6 +156,7 @@ def test_a_sole_bears_where_the_ankle_holds_the_cop(weak: RobotModel, five: Robo
     assert abs(com[0] - 0.5 * (weak.feet[0].bearing[0] + weak.feet[0].bearing[1])) < 3e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_weak_ankles_do_not_fell_a_pushed_robot(weak: RobotModel, way: float) -> None:
     loop = ClosedLoop(weak, seed=1)

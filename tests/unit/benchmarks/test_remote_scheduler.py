@@ -114,6 +114,7 @@ def test_workers_die_and_come_and_every_case_is_there_once(cluster: Cluster, beg
     assert repeated <= 4
 
 
+@pytest.mark.long
 def test_a_scheduler_that_dies_is_named_and_the_same_command_goes_on(
     cluster: Cluster, begun: Path, tmp_path: Path
 ) -> None:
