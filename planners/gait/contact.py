@@ -139,9 +139,9 @@ class Soles:
         The expected height follows by a bounded step: a repeated error adds up, a single bump hardly counts. Of the
         error of a known height ``drift_share`` is taken for a drift of the estimate, which moves all that follow; the
         rest is this foothold's own. If all were drift, an error would come back with every plan that is made of
-        heights in W and begins after footsteps of the last one. The
-        expected slope is the median of the last soles in single support. The other sole does not count now unless it
-        is ``flat``: on an edge, the expected slope is taken for its own.
+        heights in W and begins after footsteps of the last one. The expected slope is the median of the last soles in
+        single support. The other sole does not count now unless it is ``flat``: on an edge, the expected slope is taken
+        for its own.
         """
         config, ground, sole = self._config.swing, self._config.ground, measured.soles[foot]
         error = sole.z - _ground(soles, foot, sole, measured)
