@@ -91,6 +91,7 @@ def _rows(record: BlackBoxRecord, rows: np.ndarray) -> BlackBoxRecord:
     return replace(record, **{name: getattr(record, name)[rows] for name in UNITS})
 
 
+@pytest.mark.long
 def test_a_fall_is_run_again_bit_for_bit(fallen: ClosedLoop) -> None:
     record = _record(fallen)
     report = replay_box(record)

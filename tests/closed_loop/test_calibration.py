@@ -54,6 +54,7 @@ def as_good(loop: ClosedLoop, errors: SensorErrors, calibration: Calibration | N
     assert calibrated.tilt < clean.tilt + 2e-3, (calibrated, clean)
 
 
+@pytest.mark.long
 def test_hanging_calibration_recovers_gyro_force_and_all_encoders(robot: RobotModel) -> None:
     errors = SensorErrors(
         gyro_bias=GYRO * signs(0, 3), encoder_offsets=ENCODER * signs(1, robot.nj), force_offsets=FORCE * signs(2, 2, 3)

@@ -19,6 +19,7 @@ def hoist(loop: ClosedLoop, speed: float, duration: float) -> float:
     return fastest
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot", ["g1", "talos"])
 def test_a_lifted_robot_freezes_and_stands_once_it_is_put_down(robot: str) -> None:
     loop = ClosedLoop(robot, seed=3, record=False)

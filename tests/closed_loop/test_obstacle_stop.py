@@ -15,6 +15,7 @@ def _gap(loop: ClosedLoop) -> float:
     return float(FACE - loop.truth.q[0] - BodyOutline(loop.robot).reach(np.array([1.0, 0.0])))
 
 
+@pytest.mark.long
 def test_a_walk_ends_before_an_obstacle_and_goes_on_without() -> None:
     loop = ClosedLoop("g1", seed=2, terrain="box", obstacle_stop=True, record=False)
     guard = loop._guard

@@ -24,6 +24,7 @@ def _walk(shared: SharedWorld, velocities: dict[str, tuple[float, float, float]]
     return {name: float(np.linalg.norm(shared[name].truth.q[:2] - start[name])) for name in velocities}
 
 
+@pytest.mark.long
 def test_two_stand_and_walk_and_only_the_commanded_one_moves() -> None:
     shared = SharedWorld({"robot_1": "g1", "robot_2": "g1"}, seed=1, record=False)
     first, second = shared["robot_1"], shared["robot_2"]

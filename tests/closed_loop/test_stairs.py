@@ -85,6 +85,7 @@ def test_it_climbs_and_descends_what_it_sees_without_a_stop() -> None:
     assert loop.t - begin < 3.0 + 0.75 * steps  # it looked once, and was at rest at the beginning and the end only
 
 
+@pytest.mark.long
 def test_in_front_of_a_riser_that_is_too_high_it_stands_and_says_so() -> None:
     loop = seeing(0.3, 22, count=1)
     route = walk_on_sight(loop, 3.0)

@@ -142,6 +142,7 @@ def test_a_push_while_the_weight_shifts_before_the_first_step_is_caught() -> Non
     assert loop.mode is Mode.WALK and loop.gait.steps > 4
 
 
+@pytest.mark.long
 def test_a_walk_repeats_bit_for_bit() -> None:
     def run() -> np.ndarray:
         loop.command("forward")

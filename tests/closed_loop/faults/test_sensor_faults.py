@@ -33,6 +33,7 @@ def active_for(loop: ClosedLoop, duration: float) -> float:
     return seen / count
 
 
+@pytest.mark.long
 def test_known_pushes_are_felt_and_nothing_else(robot: RobotModel) -> None:
     loop = ClosedLoop(robot, seed=3, record=False)
     assert active_for(loop, 2.0) == 0.0

@@ -177,6 +177,7 @@ def bare(tmp_path: Path) -> Path:
     return tmp_path / "bare"
 
 
+@pytest.mark.long
 def test_a_scheduler_needs_no_poise_and_a_worker_does(cluster: Cluster, bare: Path, tmp_path: Path) -> None:
     cluster.scheduler(source=bare)
     nanny, _ = cluster.worker()
