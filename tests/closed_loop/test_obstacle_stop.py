@@ -1,6 +1,7 @@
 """A robot that walks towards a box stops before it, and walks on when it is gone."""
 
 import numpy as np
+import pytest
 
 from bridge.closed_loop import ClosedLoop
 from controllers.commands.obstacle_stop import BodyOutline
