@@ -14,7 +14,8 @@ from benchmarks.core.harness import Options, Report
 from benchmarks.report.report_survival import draw_ladder_curves
 from benchmarks.stability import terrain, terrain_ladder
 from benchmarks.stability.stairs import Flight
-from benchmarks.stability.terrain_ladder import ascend
+from benchmarks.stability.terrain import Condition
+from benchmarks.stability.terrain_ladder import TerrainLadder, ascend
 from models.errors import ConfigError
 from models.terrain import Terrain
 
@@ -52,9 +53,9 @@ def walks(robot: str = "g1", fails: dict[tuple[str, float], int] | None = None, 
         first = options.get("first_seed", CONFIG.judging_seed)
         return {"survived": seed - first >= (fails or {}).get((scenario, level), 0), "reason": ""}
 
-    bench = catalogue()["terrain_ladder"].load()
-    bench.measure = walk  # type: ignore[misc, method-assign]
-    return bench.run(Options(robot, **{"seeds": 20, **options}))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TerrainLadder, "measure", staticmethod(walk))
+        return catalogue()["terrain_ladder"].load().run(Options(robot, **{"seeds": 20, **options}))
 
 
 def test_the_hardest_level_with_eighteen_of_twenty_is_held_and_judged() -> None:
@@ -96,7 +97,8 @@ def test_curves_show_blind_and_seen_together_and_how_many_of_a_level_that_ended_
     figure = draw_ladder_curves({("terrain_ladder", "g1"): report})
     assert figure is not None and draw_ladder_curves({}) is None
     tiles, friction = figure.axes
-    assert [line.get_ydata().tolist() for line in tiles.lines[:2]] == [[1.0, 1.0, 0.0], [1.0, 1.0, 0.95, 1.0]]  # type: ignore[union-attr]
+    shares = [np.asarray(line.get_ydata()).tolist() for line in tiles.lines[:2]]
+    assert shares == [[1.0, 1.0, 0.0], [1.0, 1.0, 0.95, 1.0]]
     assert [text.get_text() for text in tiles.texts] == ["0/3", "19/20"]
     assert friction.xaxis_inverted() and not tiles.xaxis_inverted()
 
@@ -111,8 +113,9 @@ def test_levels_make_what_they_say(name: str) -> None:
 
 
 def test_a_slope_down_in_degrees_goes_down() -> None:
-    ground = CONFIG.ladders["slope_down"].at(12.0).terrain  # type: ignore[union-attr]
-    assert isinstance(ground, Terrain) and ground.pitch == pytest.approx(np.radians(-12.0))
+    walk = CONFIG.ladders["slope_down"].at(12.0)
+    assert isinstance(walk, Condition) and isinstance(walk.terrain, Terrain)
+    assert walk.terrain.pitch == pytest.approx(np.radians(-12.0))
 
 
 def test_a_level_is_walked(monkeypatch: pytest.MonkeyPatch) -> None:
