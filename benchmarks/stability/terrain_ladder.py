@@ -173,10 +173,11 @@ def draw_ladders(reports: Sequence[Report]) -> Figure:
         ladder = config.ladders.get(ground) or config.ladders[ground + SEEN]
         if ladder.levels[0] > ladder.levels[-1]:
             axes.invert_xaxis()
+        axes.margins(x=0.1)
         axes.axhline(config.required_share, color="k", linewidth=0.8, linestyle=":")
         axes.set(xlabel=f"{ground.replace('_', ' ')} [{ladder.unit}]", ylim=(-0.05, 1.08))
         axes.legend(fontsize=7, loc="lower left", frameon=False)
-    figure.supylabel("share survived [-]; of how many, where not all", fontsize=9)
+    figure.supylabel("share survived [-]", fontsize=9)
     return figure
 
 
