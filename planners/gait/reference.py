@@ -70,9 +70,11 @@ class ReferenceBuilder:
             reach = height_in_reach(places, over, self.under, swinging, com, lean, yaw, leg, self.standing_height)
             height = min(height, reach)
         step = config.height_rate * dt
-        drop = config.drop_rate_urgent if state.step.urgent else config.drop_rate
+        drop, most = config.drop_rate, config.height_acceleration
+        if state.step.urgent:
+            drop, most = config.drop_rate_urgent, config.height_acceleration_urgent
         before, rates = state.body, (-drop, config.height_rate)
-        height, rate = approach(before.height, before.rate, height, rates, config.height_acceleration, dt)
+        height, rate = approach(before.height, before.rate, height, rates, most, dt)
         under = middle((left, right)) if swinging < 0 else state.soles.holds[state.stance]
         level = 0.5 * (levels[0] + levels[1]) if swinging < 0 else levels[state.stance]
         com, (rise_x, rise_y) = state.measured.com, state.soles.slope.tolist()
