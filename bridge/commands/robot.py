@@ -86,18 +86,28 @@ def walk(
         tuple[float, float, float] | None,
         typer.Option(help=r"Walk to x \[m], y \[m] and heading \[rad] in odom instead.", metavar="X Y YAW"),
     ] = None,
+    around: Annotated[
+        bool | None,
+        typer.Option(
+            "--around/--over",
+            help="From now on, walk to poses around what stands in the way, or step upon it if that can be done; "
+            "with a map of the ground only.",
+        ),
+    ] = None,
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
     """Have the running robot walk at a velocity, on /cmd_vel, or to a pose, on /goal_pose, then stand."""
     if to is None and forward is None:
         raise typer.BadParameter("give a velocity, or a pose with --to")
+    if around is not None and to is None:
+        raise typer.BadParameter("--around and --over are for walks to a pose: give one with --to")
     with connected(network, namespace) as client:
         from bridge.ros.walk import walk as drive
         from bridge.ros.walk import walk_to
 
         if to is not None:
-            raise typer.Exit(print_reply(walk_to(client, to)))
+            raise typer.Exit(print_reply(walk_to(client, to, around)))
         raise typer.Exit(print_reply(drive(client, (forward or 0.0, left, turn), seconds)))
 
 

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
@@ -209,6 +211,13 @@ class Client:
         """Call a std_srvs/SetBool service; otherwise as ``trigger``."""
         answer = self.call(SetBool, service, SetBool.Request(data=on), timeout, timeout)
         return text_to_reply(bool(answer.success), str(answer.message))
+
+    def set_parameter(self, node: str, name: str, value: bool | int | float | str) -> None:
+        """Set a parameter of a node; ``CommandError`` without an answer, or with the reason of a refusal."""
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        (result,) = self.call(SetParameters, f"{node}/set_parameters", request).results
+        if not result.successful:
+            raise CommandError(f"{node}: parameter {name} was not set: {result.reason}")
 
     def call(
         self,

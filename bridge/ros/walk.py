@@ -90,12 +90,15 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     return CommandReply(stood.accepted and not held, stood.reason)
 
 
-def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
+def walk_to(client: Client, goal: tuple[float, float, float], around: bool | None = None) -> CommandReply:
     """Request mode walk, send a goal, wait until the robot has arrived, and request mode stand.
 
     ``goal`` is x [m], y [m] and heading [rad] of the middle between the soles, in ``odom``. The reply is accepted when
-    the robot arrived. Raises ``CommandError`` without a subscriber or an answer.
+    the robot arrived. ``around`` sets the gait planner's parameter of that name before, None leaves it. Raises
+    ``CommandError`` without a subscriber or an answer.
     """
+    if around is not None:
+        client.set_parameter("gait_planner", "around", around)
     routes: list[RouteStatus] = []
     margins: list[float] = []
     subscribe_status(client.node, RouteStatus, topics.ROUTE_STATUS, routes.append)

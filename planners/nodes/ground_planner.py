@@ -6,7 +6,7 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import UInt8MultiArray
 
-from models.errors import MessageError
+from models.errors import MessageError, UnreachableError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.grid_map import grid_map_type, layer_of
@@ -16,6 +16,7 @@ from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import program
 from planners.gait.scaling import load_gait_config
 from planners.nodes.gait_link import decode, encode
+from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner
 from planners.terrain.ground_route import Answer, Request
@@ -39,6 +40,8 @@ class GroundPlannerNode(PoiseNode):
         super().__init__("ground_planner", **kwargs)
         text = "Age of the newest map, when a plan is requested, from which on there is none [s]"
         self._age_max = declare(self, "map_age_max", 1.0, text, low=0.05, high=60.0)
+        text = "Half the width that the robot needs beside what it walks around [m]"
+        self._clearance = declare(self, "clearance", 0.4, text, low=0.1, high=1.0)
 
     def configure(self) -> None:
         self._law = GroundPlanner(self.model, load_gait_config(self.model))
@@ -66,12 +69,21 @@ class GroundPlannerNode(PoiseNode):
             answer = Answer(request.number, reason="no map of the ground", blind=True)
         else:
             ground, stamp = found
-            steps, reason = ([], "") if request.watch else self._law.plan(ground, request.query)
-            level = self._law.level(ground, request.query)
-            blocked = self._law.blocked(ground, request.query)
-            answer = Answer(request.number, tuple(steps), reason, level, stamp=stamp, blocked=blocked)
+            answer = self._answer(request, ground, stamp)
         self._plans, self._took = self._plans + 1, time.monotonic() - begin
         self._answers.publish(encode(answer))
+
+    def _answer(self, request: Request, ground: Heights, stamp: float) -> Answer:
+        query = request.query
+        if request.around:
+            try:
+                poses = detour(ground, query.line, query.distance, self._clearance)
+            except UnreachableError as error:
+                return Answer(request.number, reason=str(error), stamp=stamp)
+            return Answer(request.number, poses=tuple(poses), stamp=stamp)
+        steps, reason = ([], "") if request.watch else self._law.plan(ground, query)
+        level, blocked = self._law.level(ground, query), self._law.blocked(ground, query)
+        return Answer(request.number, tuple(steps), reason, level, stamp=stamp, blocked=blocked)
 
     def _ground(self, stamp: float) -> tuple[Heights, float] | None:
         """The newest map and its stamp [s]; None when it is older than ``map_age_max`` at a stamp [s]."""

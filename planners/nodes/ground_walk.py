@@ -11,6 +11,7 @@ from std_msgs.msg import UInt8MultiArray
 
 from models.nodes import topics
 from models.nodes.base import PoiseNode
+from models.nodes.parameters import describe
 from models.nodes.qos import EVENT
 from models.types import STILL, Velocity
 from planners.gait.footsteps import Foothold, middle, wrap
@@ -27,6 +28,10 @@ _TURNED = 0.1  #: Heading from the line of a plan that the robot turns by first 
 _FACING = 0.05  #: Heading from that of the goal that it turns by at the end [rad]
 _SLOW = 0.02  #: Forward velocity up to which nothing is watched [m/s]
 _ENDLESS = 20.0  #: Length of the line of a velocity [m]
+_NEAR = 0.1  #: Distance from a goal up to which the ground is watched ahead, not towards it [m]
+_LOOK = 1.0  #: How long it looks before it asks for a way around [s]
+_DETOURS = 5  #: Ways around that are tried for a goal
+_AROUND = "around"  #: Parameter
 
 
 class _Stage(Enum):
@@ -35,6 +40,8 @@ class _Stage(Enum):
     BLIND = auto()  # the gait walks by itself; the ground ahead is watched
     STOP = auto()  # it is to stand, in front of ground that is not level
     ROUTE = auto()  # it takes planned footsteps
+    LOOK = auto()  # it stands, and will ask for a way around
+    AROUND = auto()  # it has asked for that
     LAST = auto()  # it turns to the goal
     BLOCKED = auto()  # it stands in front of what it cannot step on, until the velocity changes
 
@@ -44,7 +51,8 @@ class GroundWalk:
 
     Without a ground planner, or a map, the gait walks as if this were not there. Else the ground planner is asked at
     every touchdown whether the next ``_AHEAD`` are level. Where they are not, the robot stops, turns to the goal, and
-    follows ``GroundRoute``. ``report`` gets the reason for which it stands and cannot go on, empty afterwards.
+    follows ``GroundRoute``; with the parameter ``around`` it walks to a goal over level ground beside what stands in
+    the way. ``report`` gets the reason for which it stands and cannot go on, empty afterwards.
 
     Attributes:
         outcome: Of the last goal: ``done``, or why it was not reached; empty where the gait's own route says so.
@@ -55,9 +63,14 @@ class GroundWalk:
         self._route = GroundRoute(law, stack)
         self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
+        text = "Whether to walk to a goal around what stands on level ground, instead of stepping upon it"
+        node.declare_parameter(_AROUND, False, describe(text, read_only=False))
+        self._told_around = lambda: bool(node.get_parameter(_AROUND).value)
         self._number = 0  # of the last watch
         self._stage, self.outcome = _Stage.IDLE, ""
         self._goal: Foothold | None = None
+        self._poses: list[Foothold] = []  # to walk through on the way to the goal
+        self._detours = 0
         self._velocity = STILL
         self._t = self._asked = 0.0
         self._steps = -1  # touchdowns at the last watch
@@ -74,7 +87,7 @@ class GroundWalk:
         if not self._requests.get_subscription_count() or not count:
             self._stack.walk_to(goal)
             return self._law.route.left
-        self._goal = goal
+        self._goal, self._poses, self._detours = goal, [], 0
         self._watch(_Stage.ASKED)
         return count
 
@@ -84,6 +97,7 @@ class GroundWalk:
             self._report("")
         self._route.end(reason)
         self._stage, self._goal, self.outcome, self._velocity = _Stage.IDLE, None, reason, STILL
+        self._poses = []
 
     def admit(self, velocity: Velocity) -> Velocity:
         """The part of a commanded velocity that the gait may walk at: none where plans take over."""
@@ -107,11 +121,11 @@ class GroundWalk:
         self._t, law = t, self._law
         match self._stage:
             case _Stage.ASKED:
-                if t - self._asked > _PATIENCE and self._goal is not None:
-                    self._walk_blind(self._goal)
+                if t - self._asked > _PATIENCE:
+                    self._walk_blind()
             case _Stage.BLIND:
-                if self._goal is not None and not law.route.left:
-                    self._finish(law.route.outcome)
+                if self._goal is not None and not law.route.left and (law.settled or not self._poses):
+                    self._arrive(law.route.outcome)
                 elif law.steps != self._steps and self._requests.get_subscription_count():
                     self._watch(_Stage.BLIND)
             case _Stage.STOP:
@@ -119,6 +133,12 @@ class GroundWalk:
                     self._begin()
             case _Stage.ROUTE:
                 self._follow(t)
+            case _Stage.LOOK:
+                if t - self._asked > _LOOK:
+                    self._ask_around()
+            case _Stage.AROUND:
+                if t - self._asked > _PATIENCE:
+                    self._finish("no way around came from the ground planner")
             case _Stage.LAST:
                 if not law.route.left:
                     self._finish(law.route.outcome)
@@ -128,9 +148,9 @@ class GroundWalk:
         self._stage, self._steps, self._asked = stage, self._law.steps, self._t
         feet, here = self._law.footholds, middle(self._law.footholds)
         far, bearing = _AHEAD + _TIME * self._velocity[0], here.yaw
-        if self._goal is not None:
-            way = math.hypot(self._goal.x - here.x, self._goal.y - here.y)
-            bearing = math.atan2(self._goal.y - here.y, self._goal.x - here.x) if way > _AHEAD else here.yaw
+        if (goal := self._target) is not None:
+            way = math.hypot(goal.x - here.x, goal.y - here.y)
+            bearing = math.atan2(goal.y - here.y, goal.x - here.x) if way > _NEAR else here.yaw
             far = min(far, way)
         self._number -= 1
         line = Foothold(here.x, here.y, bearing, here.z)
@@ -151,26 +171,72 @@ class GroundWalk:
                 self._stage = _Stage.STOP
                 self._stack.hold_velocity(*STILL)
                 self._stack.stop()
-            elif self._stage is _Stage.ASKED and self._goal is not None:
-                self._walk_blind(self._goal)
+            elif self._stage is _Stage.ASKED:
+                self._walk_blind()
+        elif self._stage is _Stage.AROUND and answer.number == self._number:
+            self._pass(answer)
 
-    def _walk_blind(self, goal: Foothold) -> None:
-        self._stack.walk_to(goal)
+    @property
+    def _target(self) -> Foothold | None:
+        """The next pose to walk to; None at a velocity."""
+        return self._poses[0] if self._poses else self._goal
+
+    def _walk_blind(self) -> None:
+        """To the next pose by the gait's own route."""
+        target = self._target
+        assert target is not None
+        self._stack.walk_to(target)
         self._stage, self._steps = _Stage.BLIND, self._law.steps
 
     def _begin(self) -> None:
         """It stands: turn to the goal, or follow plans along a line from here."""
-        here, goal = middle(self._law.footholds), self._goal
-        if goal is None:
+        here, self._poses = middle(self._law.footholds), []
+        if self._goal is None:
             self._stage = _Stage.ROUTE
             self._route.begin(here, _ENDLESS)
             return
-        bearing, way = math.atan2(goal.y - here.y, goal.x - here.x), math.hypot(goal.x - here.x, goal.y - here.y)
-        if abs(wrap(bearing - here.yaw)) > _TURNED:
-            self._stack.walk_to(Foothold(here.x, here.y, bearing, here.z))
+        line, way = self._way_to_goal()
+        if abs(wrap(line.yaw - here.yaw)) > _TURNED:
+            self._stack.walk_to(line)
             return
-        self._stage = _Stage.ROUTE
-        self._route.begin(Foothold(here.x, here.y, bearing, here.z), way)
+        if self._told_around():
+            self._stage, self._asked = _Stage.LOOK, self._t
+        else:
+            self._stage = _Stage.ROUTE
+            self._route.begin(line, way)
+
+    def _way_to_goal(self) -> tuple[Foothold, float]:
+        """A line from here to the goal, and its length [m]."""
+        here, goal = middle(self._law.footholds), self._goal
+        assert goal is not None
+        bearing = math.atan2(goal.y - here.y, goal.x - here.x)
+        return Foothold(here.x, here.y, bearing, here.z), math.hypot(goal.x - here.x, goal.y - here.y)
+
+    def _ask_around(self) -> None:
+        line, way = self._way_to_goal()
+        self._stage, self._asked, self._number = _Stage.AROUND, self._t, self._number - 1
+        query = GroundQuery(line, way, self._law.footholds)
+        self._send(Request(self._number, query, None, self._t, around=True))
+
+    def _pass(self, answer: Answer) -> None:
+        """Walk through the poses of an answer, or over what is in the way where there is nothing to pass."""
+        self._detours += 1
+        if answer.reason or self._detours > _DETOURS:
+            self._finish(answer.reason or f"no way around was found in {_DETOURS} tries")
+        elif answer.poses:
+            self._poses = list(answer.poses)
+            self._walk_blind()
+        else:
+            self._stage = _Stage.ROUTE
+            self._route.begin(*self._way_to_goal())
+
+    def _arrive(self, outcome: str) -> None:
+        """The gait's own route has ended: at a pose beside what is in the way, or at the goal."""
+        if outcome == "done" and self._poses:
+            del self._poses[0]
+            self._walk_blind()
+        else:
+            self._finish(outcome)
 
     def _follow(self, t: float) -> None:
         route, goal = self._route, self._goal
@@ -190,4 +256,4 @@ class GroundWalk:
             self._finish(route.outcome)
 
     def _finish(self, outcome: str) -> None:
-        self._stage, self._goal, self.outcome = _Stage.IDLE, None, outcome
+        self._stage, self._goal, self._poses, self.outcome = _Stage.IDLE, None, [], outcome

@@ -39,6 +39,7 @@ class Request(Struct, frozen=True):
     after: int | None = None
     stamp: float = 0.0  # of the request [s]
     watch: bool = False  # only whether the way is level is asked
+    around: bool = False  # poses beside what stands on the way are asked for, no footsteps
 
 
 class Answer(Struct, frozen=True):
@@ -50,6 +51,7 @@ class Answer(Struct, frozen=True):
     level: bool = False  # the whole way is on the level of the feet, as far as it is known
     blind: bool = False  # no map of the ground is there
     blocked: bool = False  # the steps planned so far cannot be taken any more
+    poses: tuple[Foothold, ...] = ()  # to walk through beside what stands on the way
     stamp: float = 0.0  # of the newest light in the map [s]
 
 

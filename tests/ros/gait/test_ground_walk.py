@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, Twist
+from rclpy.parameter import Parameter
 from std_msgs.msg import Empty, String, UInt8MultiArray
 
 from models.errors import MessageError
@@ -17,7 +18,7 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
 from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
 from models.status import GaitStatus, RouteState, RouteStatus
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, side_of
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle, side_of
 from planners.gait.route import Footstep, soles_at
 from planners.gait.tread import Tread
 from planners.nodes.footstep_messages import pose_message
@@ -144,6 +145,40 @@ def test_to_a_goal_beyond_stairs_it_follows_plans_and_says_what_ends_them(bench:
     assert robot.routes[-1].reason == WALL
 
 
+def test_told_so_it_walks_to_a_goal_around_what_is_in_the_way(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
+    robot.node.set_parameters([Parameter("around", value=True)])
+    robot.go(2.0)
+    robot.send(Answer(robot.ask().number))
+    request = robot.ask()
+    assert request.around and not robot.left and request.query.distance == pytest.approx(2.0, abs=0.1)
+    beside = Foothold(0.3, 0.6, 0.0)
+    robot.send(Answer(request.number, poses=(beside, Foothold(1.4, 0.6, 0.0))))
+    watch = robot.ask()
+    assert watch.watch and watch.query.line.yaw == pytest.approx(math.atan2(beside.y, beside.x), abs=0.1)
+    assert robot.left and middle(robot.stack.gait.soles_after(robot.left)).y == pytest.approx(0.6, abs=0.01)
+    robot.stack.gait.end_route("done")
+    robot.until(lambda: middle(robot.stack.gait.soles_after(robot.left)).x == pytest.approx(1.4, abs=0.01))
+    robot.send(Answer(robot.requests[-1].number))  # the map has grown: not level
+    robot.stack.gait.reset(robot.state)
+    robot.requests.clear()
+    request = robot.ask()
+    assert request.around and not robot.left
+    robot.send(Answer(request.number, (), "no way around"))
+    robot.until(lambda: robot.routes[-1].state is RouteState.ENDED)
+    assert robot.routes[-1].reason == "no way around"
+
+
+def test_where_nothing_is_to_be_passed_it_follows_plans(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
+    robot.node.set_parameters([Parameter("around", value=True)])
+    robot.go(2.0)
+    robot.send(Answer(robot.ask().number))
+    robot.send(Answer(robot.ask().number))
+    request = robot.ask()
+    assert not request.around and not request.watch
+
+
 def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_changes(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.drive(0.3)
@@ -189,8 +224,8 @@ def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotMod
     bench.wait(lambda: requests.get_subscription_count() and maps.get_subscription_count())
     query = GroundQuery(Foothold(0.0, 0.0, 0.0), 1.2, soles_at(Foothold(0.0, 0.0, 0.0), 0.2))
 
-    def ask(number: int, stamp: float, *, watch: bool = False) -> Answer:
-        requests.publish(encode(Request(number, query, None, stamp, watch)))
+    def ask(number: int, stamp: float, *, watch: bool = False, around: bool = False) -> Answer:
+        requests.publish(encode(Request(number, query, None, stamp, watch, around)))
         bench.wait(lambda: answers and answers[-1].number == number)
         return answers[-1]
 
@@ -205,6 +240,7 @@ def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotMod
     assert plan.steps[-1].hold.z == pytest.approx(0.15, abs=1e-3) and plan.steps[-1].hold.x > 0.75
     watched = ask(3, 5.1, watch=True)
     assert not watched.level and watched.steps == ()
+    assert ask(5, 5.1, around=True).reason.startswith("no way around")  # the riser is as wide as the map
     assert ask(4, 7.0).blind  # the mapper is gone
     requests.publish(UInt8MultiArray(data=[1, 2, 3]))
     bench.wait(lambda: node.counters[f"refused {topics.GROUND_REQUEST}"] == 1)
