@@ -1,4 +1,7 @@
-"""The height of the body: within reach of both legs, and on the way there the feet keep bearing."""
+"""Height of the body: its rise over the stance leg, and on the way to where both legs reach the feet keep bearing."""
+
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +14,54 @@ from planners.gait.reference import ReferenceBuilder
 from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitPhase
 
-DT = 0.001
+DT, SINGLE, DOUBLE = 0.001, 0.50, 0.04
+PERIOD = SINGLE + DOUBLE
+
+
+def risen(robot: RobotModel, apart: float, steps: int = 4, early: float = 0.0, limit: float = 1.5) -> np.ndarray:
+    """Rise, its rate and acceleration in the ticks of a walk with feet this far apart (n, 3) [m]."""
+    config = load_gait_config(robot)
+    config = replace(config, rise=replace(config.rise, acceleration=limit))
+    builder, gait = ReferenceBuilder(robot, config), GaitPlanner(robot).state.copy()
+    left, right = gait.soles.holds
+    gait.soles = structs.replace(gait.soles, holds=(left, right.shifted(left.x - apart - right.x, 0.0)))
+    gait.step = structs.replace(gait.step, time=SINGLE, double=DOUBLE)
+    rows = []
+    for _ in range(steps):
+        for gait.phase, time in ((GaitPhase.DOUBLE, DOUBLE), (GaitPhase.SINGLE, SINGLE - early)):
+            for i in range(round(time / DT)):
+                gait.elapsed = (i + 1) * DT
+                gait.body = builder.advance_body(gait, 0.0, 3.8, DT)
+                rows.append(gait.body.rise)
+    return np.array(rows)
+
+
+def test_the_com_is_highest_after_the_middle_of_the_stance_and_lowest_after_a_touchdown(g1: RobotModel) -> None:
+    rise, config = risen(g1, 0.3)[-round(PERIOD / DT) :, 0], load_gait_config(g1)
+    size = config.rise.share * 0.3**2 / (16.0 * config.leg)
+    crest = DOUBLE + config.rise.crest * SINGLE
+    assert np.argmax(rise) * DT == pytest.approx(crest, abs=0.02)
+    assert np.argmin(rise) * DT == pytest.approx(crest - 0.5 * PERIOD, abs=0.02)
+    assert (rise.max(), -rise.min()) == pytest.approx((size, size), rel=0.05)
+
+
+@pytest.mark.parametrize("early", [0.0, 0.06])
+def test_it_is_smooth_when_a_foot_lands_early_too(g1: RobotModel, early: float) -> None:
+    rows = risen(g1, 0.3, early=early)
+    for i, largest in ((0, 1e-5), (1, 1e-3)):  # of the difference to the mean of the rate over a tick
+        change, mean = np.diff(rows[:, i]), 0.5 * DT * (rows[1:, i + 1] + rows[:-1, i + 1])
+        assert np.abs(change - mean).max() < largest * DT**0.5
+
+
+def test_its_acceleration_is_bounded(g1: RobotModel) -> None:
+    free, bound = (risen(g1, 0.5, limit=limit)[-round(PERIOD / DT) :] for limit in (100.0, 0.5))
+    assert np.abs(bound[:, 2]).max() == pytest.approx(0.5, rel=0.05)
+    assert np.abs(free[:, 2]).max() > 1.5
+    assert np.abs(bound[:, 0]).max() == pytest.approx(0.5 * (0.5 * PERIOD / math.pi) ** 2, rel=0.05)
+
+
+def test_there_is_none_on_the_spot(g1: RobotModel) -> None:
+    assert np.abs(risen(g1, 0.0)).max() < 1e-12
 
 
 def heights(robot: RobotModel, *, urgent: bool) -> np.ndarray:
