@@ -42,6 +42,7 @@ class Scenario:
     slow: NonNegativeInt = 0  #: As many with default QoS (depth 10) that sleep in their callbacks
     record: bool = False  #: Whether ``poise record`` runs
     view: bool = False  #: Whether ``poise view`` serves its page, without a browser
+    sight: bool = False  #: Whether range sensors, terrain mapper and ground planner run
     walk: bool = False  #: Whether the robot walks instead of standing
     robots: PositiveInt = 1  #: Graphs at a time, each in its ROS domain; only the first runs SCHED_FIFO
     #: Simulated over real time, for more robots than the cores can run otherwise [-]
@@ -175,7 +176,7 @@ def _run(
         },
         "supervisor": {"sensor_rate": scenario.rate},
     }
-    specs = process_specs()
+    specs = process_specs(terrain_map=scenario.sight)
     if scenario.stages:
         specs[specs.index(CONTROL)] = TIMED_CONTROL
         parameters["state_estimator"] = {"latency_file": str(files["laws"])}
