@@ -1,0 +1,223 @@
+"""Search for footsteps along a line, from place to place of a lattice on which soles were tried."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.numerics.compiled import njit
+from models.types import Matrix, Vector
+from planners.gait.config import GaitConfig
+from planners.gait.footsteps import LEFT, RIGHT
+from planners.gait.tread import leg_height
+from planners.terrain.survey import Survey
+
+LEVEL = 0.03  #: Difference of height from which ground is another, and of way up to which feet are together [m]
+_BESIDE = 0.10  #: Of way up to which feet are beside each other before and after a step to another level [m]
+_COMFORT = 0.01  #: Room ahead and back from which on an edge does not matter [m]
+_INSIDE = 0.01  #: A step is planned so far inside the reach [m]
+_STANCE = 0.03  #: Difference from the nominal stance in which a plan may end, beyond the width of a sole [m]
+_DEPTH = 40  #: Footsteps of a plan at most
+_WIDTH = 80  #: Beginnings of plans that are kept after each step
+_KEY = (0.04, 0.06)  #: Of beginnings whose feet are this near to each other along and across, the best is kept [m]
+
+
+class Costs(NamedTuple):
+    """Costs of a plan; each step costs 1."""
+
+    left: float = 6.0  #: Of every stride of the distance that is left, while the search goes on,
+    short: float = 12.0  #: and at the end of a plan: more than a step in reach costs, so that it goes on
+    long: float = 60.0  #: Of the square of what a step, with its rise, is longer than the stride, or its swing than two
+    crouch: float = 200.0  #: Of the square of how much lower the body is between both soles [1/m^2]
+    edge: float = 0.6  #: Of a sole beside an edge
+    wall: float = 12.0  #: Of the squared share by which higher ground ahead or behind, for shin or heel, is too near
+    line: float = 400.0  #: Of the square of a sole's distance from its nominal place beside the line [1/m^2]
+    width: float = 300.0  #: Of the square of the difference from the nominal width between the feet [1/m^2]
+
+
+class Places(NamedTuple):
+    """A lattice along a line, and what was found there."""
+
+    ways: Vector  #: Along the line (n,) [m]
+    sides: Vector  #: Across it, left positive (m,) [m]
+    survey: Survey
+
+
+class Step(NamedTuple):
+    """A step to a place of the lattice."""
+
+    foot: int
+    row: int
+    column: int
+    height: float  #: [m]
+
+
+class _Limits(NamedTuple):
+    """Bounds of a step for compiled code [m]."""
+
+    forward: float
+    narrow: float
+    wide: float
+    rise: float
+    body: float  #: Of the body along the line
+    sway: float  #: and across
+    width: float
+    stride: float
+    level: float
+    beside: float
+    flat: float  #: Difference of height between places on one level
+    comfort: float
+    leg: float
+
+
+class _Begun(NamedTuple):
+    """Beginnings of plans, of k each; ``at`` are places along and across the line and heights of both feet."""
+
+    at: NDArray[np.float64]  #: (k, 2, 3) [m]
+    foot: NDArray[np.int64]  #: That steps next (k,)
+    seen: NDArray[np.bool_]  #: Whether a sole is on known ground, so that none is felt any more (k,)
+    cost: Vector  #: (k,)
+
+
+class FootstepSearch:
+    """A beam search: from ``_WIDTH`` beginnings at most, each next step to every place where a sole lies and in reach.
+
+    On one level the feet go ahead in turn; before and after a step to another level they are at most ``_BESIDE`` apart
+    along the line, and at the end side by side.
+    """
+
+    def __init__(self, config: GaitConfig, stride: float, sole: float, costs: Costs) -> None:
+        """``stride`` is the usual length of a step, ``sole`` the width of one [m]."""
+        self._costs, self._stance = costs, _STANCE + sole
+        reach, velocity, period = config.reach, config.velocity, config.period
+        self.limits = _Limits(
+            reach.forward - _INSIDE,
+            reach.width_min + _INSIDE,
+            reach.width_max - _INSIDE,
+            reach.rise,
+            velocity.forward * period - _INSIDE,
+            velocity.lateral * period - _INSIDE,
+            reach.width,
+            stride,
+            LEVEL,
+            _BESIDE,
+            config.ground.level,
+            _COMFORT,
+            config.leg,
+        )
+
+    def steps(self, places: Places, feet: Matrix, foot: int | None, *, known: bool, distance: float) -> list[Step]:
+        """The best steps towards the end of the way, at a ``distance`` along the line [m]; none where none is possible.
+
+        ``feet`` are the places of both feet along and across the line and their heights (2, 3) [m]; ``foot`` steps
+        first, either one when None. Unless the ground beside them is ``known``, steps are felt until a sole lies on
+        ground that is.
+        """
+        felt = float(feet[:, 0].max()) + self.limits.stride
+        starts = (LEFT, RIGHT) if foot is None else (foot,)
+        count = len(starts)
+        begun = _Begun(np.array([feet] * count), np.array(starts), np.array([known] * count), np.zeros(count))
+        history: list[tuple[NDArray[np.int64], NDArray[np.int64], _Begun]] = []  # parents, places, beginnings
+        best, end = math.inf, (-1, 0)
+        for depth in range(_DEPTH + 1):
+            costs = self._end_costs(begun, distance)
+            if len(costs) and costs.min() < best:
+                best, end = float(costs.min()), (depth, int(costs.argmin()))
+            if depth == _DEPTH or not len(begun.cost):
+                break
+            parents, chosen, begun = self._next(begun, places, felt)
+            history.append((parents, chosen, begun))
+        steps: list[Step] = []
+        depth, i = end
+        for parents, chosen, after in reversed(history[: max(depth, 0)]):
+            stepped = int(1 - after.foot[i])
+            row, column = divmod(int(chosen[i]), len(places.sides))
+            steps.append(Step(stepped, row, column, float(after.at[i, stepped, 2])))
+            i = int(parents[i])
+        return steps[::-1]
+
+    def _end_costs(self, begun: _Begun, distance: float) -> Vector:
+        """Costs of plans that end here; infinite where the feet are not side by side."""
+        apart = begun.at[:, LEFT] - begun.at[:, RIGHT]  # (k, 3)
+        off = np.hypot(apart[:, 0], apart[:, 1] - self.limits.width)
+        stands = (np.abs(apart[:, 0]) <= LEVEL + 1e-9) & (off <= self._stance)
+        stands &= np.abs(apart[:, 2]) <= self.limits.flat
+        left = np.maximum(distance - begun.at[:, :, 0].mean(axis=1), 0.0)
+        costs: Vector = np.where(stands, begun.cost + self._costs.short * left / self.limits.stride, np.inf)
+        return costs
+
+    def _next(self, begun: _Begun, places: Places, felt: float) -> tuple[NDArray[np.int64], NDArray[np.int64], _Begun]:
+        """Beginnings that are one step longer: their parents (k,), the places of that step (k,), and themselves."""
+        ways, sides, survey = places
+        costs, nearest = _expand(begun, ways, sides, survey, felt, self.limits, self._costs)  # (k, n)
+        parents, along = np.nonzero(np.isfinite(costs))
+        cost, place = costs[parents, along], nearest[parents, along]
+        foot = begun.foot[parents]
+        at = begun.at[parents].copy()
+        rows, (i, j) = np.arange(len(parents)), np.divmod(place, len(sides))
+        fits = survey.fits[i, j] == 1
+        height = np.where(fits, survey.height[i, j], at[rows, 1 - foot, 2])
+        at[rows, foot] = np.stack([ways[i], sides[j], height], axis=1)
+        value = cost - self._costs.left * at[:, :, 0].mean(axis=1) / self.limits.stride
+        keys = np.column_stack([foot, np.round(at[:, :, 0] / _KEY[0]), np.round(at[:, :, 1] / _KEY[1])])
+        order = np.argsort(value, kind="stable")
+        _, unique = np.unique(keys[order], axis=0, return_index=True)
+        kept = order[np.sort(unique)[:_WIDTH]]
+        seen = begun.seen[parents] | fits
+        return parents[kept], place[kept], _Begun(at[kept], 1 - foot[kept], seen[kept], cost[kept])
+
+
+@njit(cache=True)
+def _expand(
+    begun: _Begun, ways: Vector, sides: Vector, survey: Survey, felt: float, limits: _Limits, costs: Costs
+) -> tuple[Matrix, NDArray[np.int64]]:
+    """Cost of each beginning (k) with a next step to each way (n), across from it at the best place; and that place.
+
+    A step is felt up to the way ``felt`` [m].
+    """
+    shape = len(begun.cost), len(ways)
+    best, places = np.full(shape, np.inf), np.zeros(shape, np.int64)
+    for n in range(shape[0]):
+        foot = begun.foot[n]
+        stance, before, side = begun.at[n, 1 - foot], begun.at[n, foot], 1.0 if foot == LEFT else -1.0
+        together = abs(stance[0] - before[0]) <= limits.beside + 1e-9
+        apart = abs(stance[2] - before[2]) > limits.flat
+        for i in range(shape[1]):
+            ahead, swing = ways[i] - stance[0], ways[i] - before[0]
+            beside = abs(ahead) <= limits.beside + 1e-9
+            if ahead < -limits.level - 1e-9 or ahead > limits.forward or swing > 2.0 * limits.body:
+                continue
+            if apart and not beside:
+                continue
+            for j in range(len(sides)):
+                out = side * (sides[j] - stance[1])
+                if out < limits.narrow or out > limits.wide or abs(sides[j] - before[1]) > 2.0 * limits.sway:
+                    continue
+                room = limits.comfort
+                if survey.fits[i, j] == 1:
+                    rise, room = survey.height[i, j] - stance[2], min(survey.room[i, j, 0], survey.room[i, j, 1])
+                elif survey.fits[i, j] < 0 and ways[i] <= felt + 1e-9 and not begun.seen[n]:  # level as far as known
+                    if survey.low[i, j] < stance[2] - limits.level or survey.high[i, j] > stance[2] + limits.level:
+                        continue
+                    rise = 0.0
+                else:
+                    continue
+                if abs(rise) > limits.rise or (abs(rise) > limits.flat and (apart or not together)):
+                    continue
+                longer = max(ahead + abs(rise) - limits.stride, 0.0)
+                farther = max(swing - 2.0 * limits.stride, 0.0)
+                off, wider = sides[j] - 0.5 * side * limits.width, out - limits.width
+                value = begun.cost[n] + 1.0 + costs.long * (longer * longer + farther * farther)
+                square = 0.25 * (ahead * ahead + wider * wider)
+                crouch = limits.leg - leg_height(square, limits.leg) + 0.5 * abs(rise)
+                value += costs.crouch * crouch * crouch
+                if survey.fits[i, j] == 1:
+                    value += costs.wall * survey.wall[i, j] * survey.wall[i, j]
+                value += costs.edge * max(limits.comfort - room, 0.0) / limits.comfort
+                value += costs.line * off * off + costs.width * wider * wider
+                if value < best[n, i]:
+                    best[n, i], places[n, i] = value, i * len(sides) + j
+    return best, places
