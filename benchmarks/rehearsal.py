@@ -27,7 +27,7 @@ HELP = """\
   press   press and release button B of the remote controller
   lower   let out the rope at 5 cm/s         free   take the rope off its hook
   raise   tie the rope and wind it up        push   12 N.s to the left
-  hot, cold   motors at 91 or 35 degrees     low, full   battery at 41 or 50 V
+  hot, cold   motors at 91 or 35 degrees     empty, full battery at 41 or 50 V
   other, alone   another program commands    type4, type5   mode_machine
   cut, plug   the cable                      show   the true state      end"""
 
@@ -59,7 +59,7 @@ ACTS: dict[str, Callable[[RobotProcess], object]] = {
     "push": lambda robot: robot("push", 0.0, PUSH[0] / PUSH[1], 0.0, PUSH[1]),
     "hot": lambda robot: robot("fill", "temperature", HOT),
     "cold": lambda robot: robot("fill", "temperature", COLD),
-    "low": lambda robot: robot("fill", "voltage", LOW),
+    "empty": lambda robot: robot("fill", "voltage", LOW),
     "full": lambda robot: robot("fill", "voltage", FULL),
     "other": lambda robot: robot("other", True),
     "alone": lambda robot: robot("other", False),

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from bridge.commands.common import Namespace, Network, connected, print_reply, say
+from models.errors import PoiseError
 from models.nodes import topics
 
 MODE_SERVICES = {
@@ -58,7 +59,10 @@ def start(
         if on_enter:
             say(f"{client.robot()}, Enter: {step}; Ctrl-C ends only this")
             while client.wait(_typed, float("inf")) and sys.stdin.readline():
-                print_reply(client.trigger(service, at_once=step in STOPS))
+                try:
+                    print_reply(client.trigger(service, at_once=step in STOPS))
+                except PoiseError as error:  # the next Enter may be heard
+                    say(f"{error}\nuse the remote controller; Enter tries again")
             raise typer.Exit
         raise typer.Exit(print_reply(client.trigger(service, at_once=step in STOPS)))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from bridge.driver.foot_load import FootLoad
-from bridge.driver.startup import StartInputs, StartState, Startup
+from bridge.driver.startup import BEFORE_RELEASE, StartInputs, StartState, Startup
 from bridge.plants.base import HardwarePlant, Plant, ReleaseGate, SimulatedPlant, hanging_command
 from bridge.plants.config import LoopConfig
 from controllers.estimation.assembler import mean_sample
@@ -123,7 +123,7 @@ class HardwareDrivers(Drivers):
                 f"mode '{mode.value}' refused in state '{startup.state}', which waits for {startup.waits_for}"
             )
         super().set_mode(mode)
-        if mode is Mode.DAMP and startup.commands:
+        if mode is Mode.DAMP and startup.state not in BEFORE_RELEASE:
             startup.damp("mode damp was requested; faults of poise status say whether by the supervisor")
 
     def relax(self) -> str:

@@ -27,7 +27,13 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from bridge.plants.base import standing_torques
-from controllers.joints.joint_servo import damping_command, drive_torque, fade_to_damping, mean_command
+from controllers.joints.joint_servo import (
+    bounded_command,
+    damping_command,
+    drive_torque,
+    fade_to_damping,
+    mean_command,
+)
 from models.config import STRICT, Fraction, NonNegative, Positive, default_config
 from models.errors import CommandError
 from models.robot_model import RobotModel
@@ -48,6 +54,7 @@ class StartupConfig:
     ramp_speed: Positive
     ramp_time: Positive
     ramp_error: Positive
+    air_torque: Fraction
     stiffness: Positive
     damping: Positive
     load_window: Positive
@@ -141,6 +148,7 @@ class Startup:
         self._standing = np.zeros(model.nj)  # torques of the load on the feet (nj,) [N.m]
         self._monitor_holds: Sequence[str] = ()  # present holds of the monitors
         self._vendor: str | None = None
+        self._stopped = ""  # reason to damp as soon as the vendor's controller has ended
         self._toppled = 0.0  # time for which the base has been tilted too far [s]
         self._elapsed = 0.0  # in this state, by the robot's clock, which the driver continues without samples [s]
         self._good = 0.0  # time for which the condition of the state has held [s]
@@ -167,7 +175,8 @@ class Startup:
         if state is StartState.LISTEN:
             return ("; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s") + before
         if state is StartState.RELEASE:
-            return "; ".join(self._findings) or self._released
+            then = f", then it is damped ({self._stopped})" if self._stopped else ""
+            return ("; ".join(self._findings) or self._released) + then
         if state is StartState.DAMP:
             return f"the joints to be slower than {config.rest_speed:g} rad/s for {config.settle_time:g} s"
         if state is StartState.PREPARE:
@@ -189,7 +198,7 @@ class Startup:
             return found
         return (
             f"{found}; the robot may execute the last command for ever: hold it by its rope, then "
-            f"switch it off, or poise start damp if no other controller commands it"
+            f"switch it off, or poise start damp, or its stop button, if no other controller commands it"
         )
 
     @property
@@ -247,7 +256,7 @@ class Startup:
         self._enter(StartState.HELD)
         self.load = 0.0  # whose torques begin without a step
         if lowered:
-            return f"{lowered}: it was lowered before; it stands by itself within a second, keep the rope at hand"
+            return f"accepted, stand clear: {lowered}, so it stands by itself within a second; keep the rope at hand"
         return "lower the robot; it stands by itself when its feet bear the weight"
 
     def prepare(self) -> str:
@@ -262,11 +271,14 @@ class Startup:
         return "the joints move to the standing posture"
 
     def damp(self, reason: str) -> str:
-        """Damp the robot at once.
+        """Damp the robot at once, in ``release`` as soon as the vendor's controller has ended.
 
         This is refused where the vendor's controller is in command, or may be, but not after a crash, where the
         operator sees what the messages do not say.
         """
+        if self.state is StartState.RELEASE and self._vendor != "":
+            self._stopped = self._stopped or reason
+            return f"joints are damped as soon as {self._own} has ended; until then it commands: use its own stop"
         if self.state in BEFORE_RELEASE and not self._limp:
             doubts = "; ".join(self._doubts) if self._vendor == "" else "nothing is commanded yet"
             stops = f", or that of {self._own}" if self._own and self._vendor != "" else ""
@@ -330,6 +342,8 @@ class Startup:
                 self.damp(self.grounded)
             else:
                 self._follow_ramp(sensors.q)
+        elif self.state is StartState.HANGING:
+            self._damp_behind(sensors.q)
         elif self.state is StartState.HELD:
             stands = abs(self.load - 1.0) < config.load_tolerance and self.tilt < config.tilt_max
             if self._holds(stands and not inputs.holds, dt, config.load_time):
@@ -364,7 +378,8 @@ class Startup:
         elif state in (StartState.DAMP, StartState.DAMPED):
             given = self._damped()
         else:
-            given = self._held()
+            share = self.config.air_torque if state in (StartState.PREPARE, StartState.HANGING) else 1.0
+            given = bounded_command(self.model, self._held(), sensors.q, sensors.v, share)
         if state is not StartState.DAMPED:
             torque = drive_torque(self.model, self._executed(given), sensors.q, sensors.v)
             self._at_fault = JointCommand.torque(torque)
@@ -384,6 +399,8 @@ class Startup:
     @property
     def grounded(self) -> str:
         """Why the robot does not hang upright with its feet in the air; empty when it does."""
+        if np.isnan(self.tilt):
+            return "the tilt of the base is not known yet"
         if not self.tilt < self.config.tilt_max:
             return f"the base is tilted by {self.tilt:.2f} rad, {self.config.tilt_max:g} rad at most"
         if self.load - self._load_error > self.config.hang_load_max:
@@ -391,7 +408,7 @@ class Startup:
         return ""
 
     def _enter(self, state: StartState) -> None:
-        self.state, self._elapsed, self._good = state, 0.0, 0.0
+        self.state, self._elapsed, self._good, self._stopped = state, 0.0, 0.0, ""
         if state not in (StartState.DAMPED, *BEFORE_RELEASE):
             self.reason = ""
 
@@ -425,7 +442,10 @@ class Startup:
 
     def _release(self, inputs: StartInputs, dt: float) -> None:
         if self._holds(inputs.vendor == "" and not inputs.findings, dt, self.config.quiet_time):
-            self._enter(StartState.DAMP)
+            if self._stopped:
+                self.damp(self._stopped)
+            else:
+                self._enter(StartState.DAMP)
         elif self._elapsed > self.config.release_timeout:
             active = "its state is unknown" if inputs.vendor is None else f"'{inputs.vendor}' is active"
             reason = "; ".join(inputs.findings) if inputs.vendor == "" else f"waited for {self._released}: {active}"
@@ -438,12 +458,17 @@ class Startup:
         self._ramp = max(float(np.abs(self._target - q).max()) / self.config.ramp_speed, self.config.ramp_time)
 
     def _follow_ramp(self, q: Vector) -> None:
-        behind = np.abs(self._reference() - q)
-        if behind.max() > self.config.ramp_error:
-            worst = int(behind.argmax())
-            self.damp(f"joint '{self.model.joint_names[worst]}' is {behind[worst]:.2f} rad behind the ramp")
-        elif self._elapsed >= self._ramp and not self.grounded:
+        if not self._damp_behind(q) and self._elapsed >= self._ramp and not self.grounded:
             self._enter(StartState.HANGING)
+
+    def _damp_behind(self, q: Vector) -> bool:
+        """Damp a robot in the air one of whose joints something holds away from the reference; whether it did."""
+        behind = np.abs(self._reference() - q)
+        if not behind.max() > self.config.ramp_error:
+            return False
+        worst = int(behind.argmax())
+        self.damp(f"joint '{self.model.joint_names[worst]}' is {behind[worst]:.2f} rad behind the ramp")
+        return True
 
     def _reference(self) -> Vector:
         """Position of the stiff hold (nj,) [rad]."""

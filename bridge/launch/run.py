@@ -104,7 +104,7 @@ def run_until_signal(
                 say(f"{name} is up; Ctrl-C ends it")
                 while duration is None or time.monotonic() - begin < duration:
                     graph.spin(0.2)
-            if end is not None and interrupts_left >= 0 and code == 0:
+            if end is not None and interrupts_left >= 0:
                 with reported():
                     say("lowering the robot; Ctrl-C damps it at once")
                     end(graph)

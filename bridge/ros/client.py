@@ -125,7 +125,7 @@ class Client:
         robots = {topic.removesuffix(end) for topic in seen if self.node.count_publishers(topic)}
         holder = graph_holder(self.namespace)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
-        remedy = f"poise up ({holder}) is starting: wait"
+        remedy = f"poise up ({holder}) is starting, or does not answer; in need use the robot's remote controller"
         if not holder:
             remedy = (
                 graphs_elsewhere(self.namespace) or f"is the robot up in ROS domain {domain}, that of this terminal?"
@@ -274,7 +274,8 @@ def overview(client: Client) -> dict[str, str]:
     status = client.status
     assert status is not None  # there is a robot
     return {
-        "robot": f"{status.robot}, mode '{status.mode.value}', drivers '{client.driver_state or 'unknown'}'",
+        "robot": f"{status.robot}, mode '{status.mode.value}'"
+        + ("" if start else f", drivers '{client.driver_state or 'unknown'}'"),  # the start says more
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
         "real-time factor": f"{factor[-1]:.2f}" if factor else "unknown",
         "in command": commander[-1] if commander else "unknown",

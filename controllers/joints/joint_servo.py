@@ -282,6 +282,17 @@ def drive_torque(model: RobotModel, command: JointCommand, q: Vector, v: Vector)
     return tau
 
 
+def bounded_command(model: RobotModel, command: JointCommand, q: Vector, v: Vector, share: float) -> JointCommand:
+    """A command where its torque is within a ``share`` of the limits, else the torque at the bound alone."""
+    torque, bound = drive_torque(model, command, q, v), share * model.tau_max
+    over = np.abs(torque) > bound
+    if not over.any():
+        return command
+    to_q, to_v, tau, kp, kd = _rows(model, command)
+    tau = np.where(over, np.clip(torque, -bound, bound), tau)
+    return JointCommand(to_q, to_v, tau, np.where(over, 0.0, kp), np.where(over, 0.0, kd))
+
+
 @njit(cache=True)
 def _accept(
     q: Vector, v: Vector, tau: Vector, kp: Vector, kd: Vector, low: Matrix, high: Matrix, setpoint: Matrix

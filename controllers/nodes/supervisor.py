@@ -89,7 +89,7 @@ class SupervisorNode(PoiseNode):
         self._publish_status = self.announce_status(topics.SUPERVISOR_STATUS, LATCHED)
         for name in _SERVED:
             self._offer(f"mode/{name}", partial(self._request_mode, Mode(name)))
-        self._offer("estop", self._law.estop)
+        self._offer("estop", lambda: self._damped(self._law.estop()))
         self._offer("reset_faults", self._law.reset_faults)
         offer_own(self, "SetMode", SET_MODE, lambda call, reply: self._answer(reply, self._set_mode, call.mode))
         offer_own(self, "Command", COMMAND, lambda call, reply: self._answer(reply, self._command, call.text))
@@ -225,11 +225,19 @@ class SupervisorNode(PoiseNode):
         if law.mode not in ACTIVE_MODES and (law.fallen or not law.preflight):
             law.set_preflight((*self._unsupported(), *attitude(self._config, self._reports.tilt)))
         reply = law.request(mode)
+        if mode is Mode.DAMP:
+            return self._damped(reply)
         if mode is Mode.OFF and reply.accepted and self._reports.start_status is not None:
             return CommandReply(
                 True,
                 "off: its start decides what the drives of a real robot do; without torque it is when switched off",
             )
+        return reply
+
+    def _damped(self, reply: CommandReply) -> CommandReply:
+        """Publish mode ``damp`` again, where it is the present one too: the start of a real robot may have gone on."""
+        if self._law.mode is Mode.DAMP:
+            self._published = ""
         return reply
 
     def _set_mode(self, name: str) -> CommandReply:
@@ -268,13 +276,14 @@ class SupervisorNode(PoiseNode):
         With active drivers the robot keeps standing. Damped, it stays damped with a latched fault.
         """
         before, self._driver_state = self._driver_state, message.data
+        stopped = self._law.stopped and self._reports.start_status is not None  # a simulated robot is put back
         if message.data == topics.HELD and before:
-            self._law.reset()
+            self._law.reset(stopped=stopped)
             if before == topics.HANGING:  # the estimator starts again: what was seen in the air is no evidence
                 self._probe.stop()
                 self._probe_until = time.monotonic()
         elif message.data == topics.HANGING:
-            self._law.reset()
+            self._law.reset(stopped=stopped)
             self._law.set_preflight(self._unsupported())
         elif message.data == topics.ACTIVE and before == "":
             self._law.reset(Mode.STAND)

@@ -8,6 +8,7 @@ The law:
                       stand                walk, motion -> stand, latched until the robot stands without the cause, or
                                            ``reset_faults``
                       damp                 any but off -> damp, latched until ``reset_faults``
+    emergency stop                         any -> damp, latched likewise
 
 Arming requires preflight checks that passed since the robot was last active: it may have been moved since.
 
@@ -29,6 +30,7 @@ GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")
 _SENTENCE = re.compile(r"[\w ,.!?]+")  #: Text that may hold a command among other words
 #: Modes in which the whole-body controller moves the joints
 ACTIVE_MODES = (Mode.STAND, Mode.WALK, Mode.MOTION)
+_EMERGENCY_STOP = "emergency stop"
 
 
 class Supervisor:
@@ -48,10 +50,10 @@ class Supervisor:
         self.fallen = False
         self.reset()
 
-    def reset(self, mode: Mode = Mode.OFF) -> None:
-        """Clear faults, findings and pending motions and start in ``mode``."""
+    def reset(self, mode: Mode = Mode.OFF, *, stopped: bool = False) -> None:
+        """Clear faults, findings and pending motions and start in ``mode``; ``stopped`` keeps an emergency stop."""
         self.mode = mode
-        self.faults: tuple[str, ...] = ()
+        self.faults: tuple[str, ...] = (_EMERGENCY_STOP,) if stopped else ()
         self.holds: tuple[str, ...] = ()
         self._passing: set[str] = set()  # faults that end with their cause
         self.motion: str | None = None
@@ -190,8 +192,16 @@ class Supervisor:
         return reply
 
     def estop(self) -> CommandReply:
-        """Damp at once and latch."""
-        return self.fault("emergency stop")
+        """Damp at once and latch, in mode ``off`` too: the start of a real robot may hold it stiff."""
+        self.fault(_EMERGENCY_STOP)
+        if self.mode is Mode.OFF:
+            self._enter(Mode.DAMP, _EMERGENCY_STOP)
+        return CommandReply(True, f"{self.mode.value}: {_EMERGENCY_STOP}")
+
+    @property
+    def stopped(self) -> bool:
+        """Whether an emergency stop is latched."""
+        return _EMERGENCY_STOP in self.faults
 
     def fault(self, reason: str, severity: Severity = Severity.DAMP) -> CommandReply:
         """Damp or, for a severity ``STAND``, come to a stand, and latch ``reason`` (see the law above).

@@ -202,7 +202,7 @@ def test_without_a_graph(context: Context) -> None:
 
 def test_a_robot_that_is_starting_is_no_reason_to_start_one(context: Context, ros_domain_id: int) -> None:
     with Client(namespace="robot_1") as client:
-        starting = rf"poise up \(g1, process {os.getpid()}\) is starting: wait"
+        starting = rf"poise up \(g1, process {os.getpid()}\) is starting, or does not answer; in need use the robot's"
         with claim_graph("g1", None, "/robot_1"), pytest.raises(CommandError, match=starting):
             client.robot(timeout=0.3)
         with pytest.raises(CommandError, match="start it with: poise up"):

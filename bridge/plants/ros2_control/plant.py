@@ -184,7 +184,8 @@ class Ros2ControlPlant(RealPlant):
         return self._codec.executed(command)
 
     def _finish(self) -> None:
-        if self._codec.evaluated:
+        """No torque on a controller that keeps the last one, unless the guard process goes on damping."""
+        if self._codec.evaluated and (not self.guard.armed or self.guard.holds):
             zero = np.zeros(self._model.nj)
             self._link.send(self._codec.encode(self._seen.get(JOINTS, 0), JointCommand.torque(zero), zero, zero))
 

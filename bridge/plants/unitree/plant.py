@@ -71,7 +71,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
 
     @property
     def pressed(self) -> str:
-        return self._button if self._released else ""
+        return self._button if self._released or self.crashed else ""
 
     def _accept(self, sample: UnitreeSample) -> None:
         before = self._sample
@@ -126,7 +126,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         """As ``LowLevelPlant``, and a remote controller that does not change: it may be out of range."""
         limit = real_robot().remote_unchanged
         quiet = self._remote and self.tried and self._unchanged > limit
-        own = (f"remote controller unchanged for more than {limit:g} s: press a button without an effect",)
+        own = (f"remote controller unchanged for more than {limit:g} s: see that it is on and in range",)
         return (*super().warnings, *own * quiet)
 
     @property

@@ -84,6 +84,28 @@ def test_a_real_robot_that_hangs_or_is_damped_is_refused_with_what_its_start_wai
     assert "its start decides what the drives of a real robot do" in world.call("mode/off")[1]
 
 
+def test_damping_is_published_in_every_state_of_a_real_robots_start_and_an_emergency_stop_outlives_it(
+    bench: Any, world: World, g1: RobotModel
+) -> None:
+    start = StatusTopic(bench.world, topics.START_STATUS, LATCHED)
+    world.robot(g1)
+    world.drivers(topics.HANGING)
+    bench.add(SupervisorNode)
+    start.publish(StartStatus("held", "the weight on the feet"))
+    bench.wait(lambda: world.modes == ["off"])
+    for service in ("mode/damp", "mode/damp", "estop", "estop"):  # the start may have gone on since the last one
+        before = len(world.modes)
+        assert world.call(service)[0]
+        bench.wait(lambda before=before: world.modes[before:] == ["damp"])
+    for state in (topics.DAMPED, topics.HANGING, topics.HELD):  # hung up, prepared and lowered again
+        world.drivers(state)
+        bench.spin(0.2)
+    accepted, reason = world.call("mode/stand")
+    assert not accepted and "emergency stop; call reset_faults first" in reason
+    assert world.call("reset_faults")[0]
+    assert "emergency stop" not in world.call("mode/stand")[1]
+
+
 def test_only_a_request_damps_a_robot_that_relaxes(bench: Any, world: World, g1: RobotModel) -> None:
     node = world.adopted(g1)
     world.drivers(topics.RELAXING)

@@ -135,10 +135,15 @@ def test_stop_ends_a_trajectory_that_was_not_requested_from_the_supervisor(stand
     assert (standing.mode, standing.take_motion()) == (Mode.STAND, "stop")
 
 
-def test_estop_damps_from_any_active_mode_and_leaves_off_alone(law: Supervisor) -> None:
+def test_estop_damps_from_any_mode_and_outlives_a_new_start_where_told(law: Supervisor) -> None:
     law.estop()
-    assert law.mode is Mode.OFF
-    law.reset_faults()
+    assert law.mode is Mode.DAMP and law.stopped  # off: the start of a real robot may hold it stiff
+    law.reset(stopped=law.stopped)
+    law.set_preflight(())
+    assert not law.request(Mode.STAND).accepted
+    law.reset()
+    law.set_preflight(())
+    assert not law.stopped
     law.request(Mode.STAND)
     law.text("wave")
     law.estop()

@@ -1,8 +1,11 @@
 """The start of a real robot: each state, what it waits for, how it is left; with made-up inputs, without a robot."""
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
+from msgspec import structs
 
 from bridge.driver.foot_load import FootLoad
 from bridge.driver.startup import StartInputs, StartState, Startup
@@ -34,7 +37,7 @@ def test_the_load_of_bent_legs_counts_beyond_its_error(g1: RobotModel, knee: flo
 class Bench:
     """Feeds a start; the joints follow the stiff hold perfectly."""
 
-    def __init__(self, model: RobotModel, **options: bool) -> None:
+    def __init__(self, model: RobotModel, **options: Any) -> None:
         self.model, self.startup = model, Startup(model, **options)
         self.q = model.posture("stand") + 0.3
         self.t = 0.0
@@ -142,8 +145,8 @@ def test_each_service_is_refused_in_other_states(bench: Bench) -> None:
             assert fresh.startup.state is state
 
 
-@pytest.mark.parametrize("state", list(StartState)[2:-1])
-def test_every_state_from_the_release_on_may_be_left_to_damping(bench: Bench, state: StartState) -> None:
+@pytest.mark.parametrize("state", list(StartState)[3:-1])
+def test_every_state_after_the_release_may_be_left_to_damping(bench: Bench, state: StartState) -> None:
     bench.reach(state)
     bench.inputs["stop"] = "button B"
     command = bench.tick()
@@ -153,6 +156,36 @@ def test_every_state_from_the_release_on_may_be_left_to_damping(bench: Bench, st
     command = bench.tick()
     assert command is not None and command.kp is not None and command.kd is not None
     assert not command.kp.any() and not command.tau.any() and command.kd.min() > 0.0
+
+
+def test_a_stop_during_the_release_damps_as_soon_as_the_robots_own_controller_has_ended(g1: RobotModel) -> None:
+    bench = Bench(g1, own="Unitree's controller")
+    bench.reach(StartState.RELEASE)
+    bench.inputs["stop"] = "button B"
+    assert bench.tick() is None  # two programs would command the robot in turns
+    bench.inputs["stop"] = ""
+    assert bench.tick() is None
+    assert bench.startup.waits_for == "Unitree's controller to end, then it is damped (button B)"
+    assert "use its own stop" in bench.startup.damp("again")
+    bench.inputs["vendor"] = ""
+    bench.run(0.11)
+    assert bench.tick() is not None and bench.startup.state is StartState.DAMPED
+    assert "button B" in bench.startup.waits_for
+
+
+def test_in_the_air_the_stiff_hold_uses_half_of_the_torque_and_gives_way_to_what_holds_a_joint(bench: Bench) -> None:
+    bench.reach(StartState.HANGING)
+    away = bench.q.copy()
+    away[3] -= 0.5
+    for held, damped in ((0.5, False), (0.7, True)):
+        away[3] = bench.q[3] - held
+        sensors = structs.replace(bench.sensors(), q=away)
+        command = bench.startup.command(sensors, bench.driver)
+        assert command is not None
+        torque = drive_torque(bench.model, command, away, np.zeros(bench.model.nj))
+        assert torque[3] == pytest.approx(0.5 * bench.model.tau_max[3])
+        bench.startup.update(StartInputs(sensors, vendor=""))
+        assert (bench.startup.state is StartState.DAMPED) == damped
 
 
 @pytest.mark.parametrize("state", [StartState.LISTEN, StartState.GANTRY])
@@ -243,7 +276,7 @@ def test_it_stands_by_load_and_tilt(bench: Bench, load: float, tilt: float, stan
     ("changed", "reason"),
     [
         ({"tilt": 1.5}, r"tilted by 1\.50 rad, 0\.2 rad at most"),
-        ({"tilt": float("nan")}, "tilted by nan rad"),
+        ({"tilt": float("nan")}, "tilt of the base is not known yet"),
         ({"load": 0.9}, "the feet bear 90% of the weight, 30% at most"),
     ],
 )
