@@ -191,15 +191,20 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         """Run until the start has reached a state."""
         self.until(lambda: self.startup.state is state, limit)
 
-    def start(self) -> None:
-        """From hanging under the robot's own controller to standing still; the rope stays tied, and slack."""
-        self.reach(StartState.GANTRY)
-        self.startup.confirm_gantry()
-        self.reach(StartState.HANGING)
-        self.startup.lower()
-        self.side.rope_speed = self.side.config.lowering_speed
-        self.reach(StartState.STAND)
-        self.until(lambda: not self.startup.fading and self.stack.gait.settled, self.side.config.settle_limit)
+    def start(self, to: StartState = StartState.STAND) -> None:
+        """From hanging under its own controller to a state of the start: to standing still, with the rope tied and slack."""
+        states = list(StartState)
+        for state in states[states.index(StartState.GANTRY) : states.index(to) + 1]:
+            self.reach(state)
+            if state is to:
+                break
+            if state is StartState.GANTRY:
+                self.startup.confirm_gantry()
+            elif state is StartState.HANGING:
+                self.startup.lower()
+                self.side.rope_speed = self.side.config.lowering_speed
+        if to is StartState.STAND:
+            self.until(lambda: not self.startup.fading and self.stack.gait.settled, self.side.config.settle_limit)
 
     def unhook(self) -> None:
         """Untie the rope; from now on a fall is one."""

@@ -33,12 +33,13 @@ class Row(AnyRow):
     """One fault; ``act`` is one of ``benchmarks/faults/hardware_acts.py``.
 
     ``plant`` is what the robot is behind, ``expect`` the required reaction. With ``start`` the fault is there before
-    the start of the robot, which must be refused, or go on.
+    the start of the robot, which must be refused, or go on; ``at`` is a state of the start in which it comes.
     """
 
     plant: Literal["unitree", "ros2_control"] = "unitree"
     expect: Literal["goes on", "holds", "damps", "refuses"]
     start: bool = False
+    at: StartState = StartState.STAND
     value: float = 0.0  #: Of the act, in its unit
     time: Positive | None = None  #: After which the fault ends [s]; it lasts when None
 
@@ -147,7 +148,7 @@ class Trial:
     def _outcome(self) -> Case:
         loop, row = self._loop, self._row
         up = loop.upright and not loop.monitor.fallen
-        damped = loop.startup.state is not StartState.STAND or loop.guard.active
+        damped = loop.startup.state not in (row.at, StartState.STAND) or loop.guard.active
         reasons = [*loop.plant.holds, self._why, loop.startup.reason, *loop.stack.supervisor.faults]
         ok = damped if row.expect == "damps" else up and not damped and loop.startup.state is StartState.STAND
         if row.expect == "holds":
@@ -179,8 +180,8 @@ def at_start(loop: AnyLoop, row: Row) -> Case:
 
     The start ends by name, without a command, or it goes on, without a command before the operator's confirmation.
     """
-    sent = loop.link.sent
-    with ACTS[row.act](loop, row.value):
+    sent, steps = loop.link.sent, CommandSteps(loop)
+    with ACTS[row.act](loop, row.value), steps.watch():
         try:
             loop.reach(StartState.GANTRY)
             early = len(sent)
@@ -190,7 +191,7 @@ def at_start(loop: AnyLoop, row: Row) -> Case:
             reason, early = str(error), len(sent)
     ok = not early and (bool(reason) and row.reason in reason if row.expect == "refuses" else not reason)
     seen = f"start '{loop.startup.state}', {early} commands sent before"
-    return {"seen": seen, "up": False, "reason": reason[:200], "time": None, "torque_step": 0.0, "ok": ok}
+    return {"seen": seen, "up": False, "reason": reason[:200], "time": None, "torque_step": steps.largest, "ok": ok}
 
 
 def measure(robot: str, seed: int, row: str) -> Case:
@@ -207,8 +208,9 @@ def measure(robot: str, seed: int, row: str) -> Case:
         if asked.start:
             outcome = at_start(loop, asked)
         else:
-            loop.start()
-            loop.unhook()
+            loop.start(asked.at)
+            if asked.at is StartState.STAND:
+                loop.unhook()
             outcome = Trial(loop, asked).run()
     if not outcome["torque_step"] <= given.torque_step_limit:
         outcome["ok"] = False
