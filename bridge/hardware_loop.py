@@ -192,7 +192,7 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self.until(lambda: self.startup.state is state, limit)
 
     def start(self, to: StartState = StartState.STAND) -> None:
-        """From hanging under its own controller to a state of the start: to standing still, with the rope tied and slack."""
+        """From hanging to a state of the start, or to standing still; the rope stays tied, and slack."""
         states = list(StartState)
         for state in states[states.index(StartState.GANTRY) : states.index(to) + 1]:
             self.reach(state)
@@ -280,7 +280,7 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
 
     def step(self) -> None:
         """One tick; the person with the remote controller tries its stop button when the start asks for it."""
-        asked = self.tries_stop_button and self.startup.state is StartState.LISTEN and not self.plant.tried
+        asked = self.tries_stop_button and not self.plant.tried and "press it" in self.startup.waits_for
         if asked:
             self.side.press(self._stop_button)
         super().step()

@@ -6,6 +6,7 @@ Bytes of LowState and LowCmd pass between them as on the network; only the netwo
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import mujoco
 import numpy as np
@@ -19,6 +20,7 @@ from bridge.hardware_loop import HardwareLoop, Process
 from bridge.launch.ending import EndConfig
 from bridge.plants.deviation import Deviation
 from bridge.plants.hardware import real_robot
+from bridge.plants.unitree.codec import BUTTONS
 from bridge.plants.unitree.wire import read_low_cmd
 from controllers.estimation.assembler import mean_sample
 from models.config import default_config
@@ -245,6 +247,21 @@ def test_after_a_crash_the_next_driver_only_damps(standing: HardwareLoop, tmp_pa
     assert not standing.guard.active
     standing.plant.close()
     assert not (tmp_path / "marker").exists()
+
+
+def test_after_a_crash_the_first_press_of_the_stop_button_damps(standing: HardwareLoop) -> None:
+    standing.running -= {Process.DRIVER, Process.GUARD}
+    standing.run(0.1)
+    standing.restart_driver()
+    standing.running.add(Process.DRIVER)
+    standing.link.sent.clear()
+    with patch.object(standing.link, "vendor", lambda: None):  # the motion switcher does not answer
+        standing.run(0.2)
+        assert not standing.link.sent and "press it" not in standing.startup.waits_for
+        standing.side.press(BUTTONS.index("B"))
+        standing.run(0.01)
+    assert standing.startup.state is StartState.DAMPED and standing.link.sent
+    assert "button B" in standing.startup.waits_for
 
 
 def test_a_guard_that_still_damps_after_a_crash_is_ended_for_the_robots_own_controller(standing: HardwareLoop) -> None:
