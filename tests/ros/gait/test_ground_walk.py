@@ -158,6 +158,7 @@ def test_told_so_it_walks_to_a_goal_around_what_is_in_the_way(bench: Any, g1: Ro
     assert watch.watch and watch.query.line.yaw == pytest.approx(math.atan2(beside.y, beside.x), abs=0.1)
     assert robot.left and middle(robot.stack.gait.soles_after(robot.left)).y == pytest.approx(0.6, abs=0.01)
     robot.stack.gait.end_route("done")
+    robot.stack.gait.reset(robot.state)  # it stands
     robot.until(lambda: middle(robot.stack.gait.soles_after(robot.left)).x == pytest.approx(1.4, abs=0.01))
     robot.send(Answer(robot.requests[-1].number))  # the map has grown: not level
     robot.stack.gait.reset(robot.state)

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.ros
 
 LIVE = {
     "balance_controller": {*TUNABLE, "force_deactivate"},
+    "gait_planner": {"around"},
     "robot_driver": {"push.force", "push.duration", "push.body", "obstacle.place", "faults.scenario"},
 }
 """Parameters that may be changed while a node runs; every other one is read-only."""
