@@ -241,9 +241,8 @@ class Startup:
         self._require("confirm_gantry", StartState.GANTRY)
         self._require_hanging("confirm_gantry")
         self._enter(StartState.RELEASE)
-        return (
-            f"{self._own} is released; then the robot, which is limp, is damped" if self._own else "joints are damped"
-        )
+        released = f"{self._own} is released; then the robot, which is limp," if self._own else "the robot"
+        return f"{released} is damped, and moves to the standing posture by itself: keep clear"
 
     def lower(self) -> str:
         """The operator lowers the robot."""

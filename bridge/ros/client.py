@@ -298,7 +298,8 @@ def start_lines(start: StartStatus) -> dict[str, str]:
 def next_step(status: SupervisorStatus, start: StartStatus | None = None) -> str:
     """What to do next, by the status of the supervisor and, optionally, of the start of a real robot."""
     if start is not None and start.waits_for:
-        return start.waits_for
+        stopped = "emergency stop" in status.faults
+        return start.waits_for + ("; it does not stand before poise mode reset_faults" if stopped else "")
     moving = status.mode not in (Mode.OFF, Mode.DAMP)
     if status.fallen and not moving:
         return GET_UP

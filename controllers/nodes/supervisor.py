@@ -90,7 +90,7 @@ class SupervisorNode(PoiseNode):
         for name in _SERVED:
             self._offer(f"mode/{name}", partial(self._request_mode, Mode(name)))
         self._offer("estop", lambda: self._damped(self._law.estop()))
-        self._offer("reset_faults", self._law.reset_faults)
+        self._offer("reset_faults", self._reset_faults)
         offer_own(self, "SetMode", SET_MODE, lambda call, reply: self._answer(reply, self._set_mode, call.mode))
         offer_own(self, "Command", COMMAND, lambda call, reply: self._answer(reply, self._command, call.text))
         self.own(PreflightProbe.stop, self._probe)
@@ -235,10 +235,28 @@ class SupervisorNode(PoiseNode):
         return reply
 
     def _damped(self, reply: CommandReply) -> CommandReply:
-        """Publish mode ``damp`` again, where it is the present one too: the start of a real robot may have gone on."""
+        """Publish mode ``damp`` again, where it is the present one too: the start of a real robot may have gone on.
+
+        The reply says what that start makes of it.
+        """
         if self._law.mode is Mode.DAMP:
             self._published = ""
-        return reply
+        start = self._reports.start_status
+        if start is None or not reply.accepted:
+            return reply
+        told = {
+            "listen": "nothing is sent yet: use its own stop, or poise start damp if its controller is released",
+            "release": "damped as soon as the robot's own controller has ended; until then use its own stop",
+        }
+        told["gantry"] = told["listen"]
+        latched = "emergency stop is latched; " if self._law.stopped else ""
+        return CommandReply(True, latched + told.get(start.state, "joints are damped"))
+
+    def _reset_faults(self) -> CommandReply:
+        reply, start = self._law.reset_faults(), self._reports.start_status
+        if start is None or start.state not in ("held", "loaded"):
+            return reply
+        return CommandReply(True, f"{reply.reason}; stand clear: it stands by itself when its feet bear the weight")
 
     def _set_mode(self, name: str) -> CommandReply:
         if name not in _SERVED:

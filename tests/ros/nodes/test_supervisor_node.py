@@ -95,14 +95,19 @@ def test_damping_is_published_in_every_state_of_a_real_robots_start_and_an_emerg
     bench.wait(lambda: world.modes == ["off"])
     for service in ("mode/damp", "mode/damp", "estop", "estop"):  # the start may have gone on since the last one
         before = len(world.modes)
-        assert world.call(service)[0]
+        accepted, answer = world.call(service)
+        assert accepted and answer.endswith("joints are damped")
         bench.wait(lambda before=before: world.modes[before:] == ["damp"])
+    start.publish(StartStatus("gantry", "the operator"))
+    bench.wait(lambda: "nothing is sent yet" in world.call("mode/damp")[1])
+    start.publish(StartStatus("loaded", "the supervisor"))
+    bench.spin(0.2)
     for state in (topics.DAMPED, topics.HANGING, topics.HELD):  # hung up, prepared and lowered again
         world.drivers(state)
         bench.spin(0.2)
     accepted, reason = world.call("mode/stand")
     assert not accepted and "emergency stop; call reset_faults first" in reason
-    assert world.call("reset_faults")[0]
+    assert "stand clear" in world.call("reset_faults")[1]
     assert "emergency stop" not in world.call("mode/stand")[1]
 
 
