@@ -61,7 +61,7 @@ def start(
             while client.wait(_typed, float("inf")) and sys.stdin.readline():
                 try:
                     print_reply(client.trigger(service, at_once=step in STOPS))
-                except PoiseError as error:  # the next Enter may be heard
+                except PoiseError as error:  # the next request may be answered
                     say(f"{error}\nuse the remote controller; Enter tries again")
             raise typer.Exit
         raise typer.Exit(print_reply(client.trigger(service, at_once=step in STOPS)))

@@ -466,7 +466,7 @@ class Startup:
         if not behind.max() > self.config.ramp_error:
             return False
         worst = int(behind.argmax())
-        self.damp(f"joint '{self.model.joint_names[worst]}' is {behind[worst]:.2f} rad behind the ramp")
+        self.damp(f"joint '{self.model.joint_names[worst]}' is {behind[worst]:.2f} rad off its reference")
         return True
 
     def _reference(self) -> Vector:

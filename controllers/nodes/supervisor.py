@@ -244,13 +244,13 @@ class SupervisorNode(PoiseNode):
         start = self._reports.start_status
         if start is None or not reply.accepted:
             return reply
-        told = {
+        answers = {
             "listen": "nothing is sent yet: use its own stop, or poise start damp if its controller is released",
             "release": "damped as soon as the robot's own controller has ended; until then use its own stop",
         }
-        told["gantry"] = told["listen"]
+        answers["gantry"] = answers["listen"]
         latched = "emergency stop is latched; " if self._law.stopped else ""
-        return CommandReply(True, latched + told.get(start.state, "joints are damped"))
+        return CommandReply(True, latched + answers.get(start.state, "joints are damped"))
 
     def _reset_faults(self) -> CommandReply:
         reply, start = self._law.reset_faults(), self._reports.start_status

@@ -65,7 +65,7 @@ class GroundWalk:
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
         text = "Whether to walk to a goal around what stands on level ground, instead of stepping upon it"
         node.declare_parameter(_AROUND, False, describe(text, read_only=False))
-        self._told_around = lambda: bool(node.get_parameter(_AROUND).value)
+        self._around = lambda: bool(node.get_parameter(_AROUND).value)
         self._number = 0  # of the last watch
         self._stage, self.outcome = _Stage.IDLE, ""
         self._goal: Foothold | None = None
@@ -134,8 +134,8 @@ class GroundWalk:
             case _Stage.ROUTE:
                 self._follow(t)
             case _Stage.LOOK:
-                if t - self._asked > _LOOK:
-                    self._ask_around()
+                if t - self._asked > _LOOK and self._goal is not None:
+                    self._ask_around(self._goal)
             case _Stage.AROUND:
                 if t - self._asked > _PATIENCE:
                     self._finish("no way around came from the ground planner")
@@ -147,13 +147,12 @@ class GroundWalk:
         """Ask whether the ground ahead is level."""
         self._stage, self._steps, self._asked = stage, self._law.steps, self._t
         feet, here = self._law.footholds, middle(self._law.footholds)
-        far, bearing = _AHEAD + _TIME * self._velocity[0], here.yaw
+        far = _AHEAD + _TIME * self._velocity[0]
+        line = here
         if (goal := self._target) is not None:
-            way = math.hypot(goal.x - here.x, goal.y - here.y)
-            bearing = math.atan2(goal.y - here.y, goal.x - here.x) if way > _NEAR else here.yaw
-            far = min(far, way)
+            ahead, way = self._way_to(goal)
+            line, far = ahead if way > _NEAR else here, min(far, way)
         self._number -= 1
-        line = Foothold(here.x, here.y, bearing, here.z)
         self._send(Request(self._number, GroundQuery(line, far, feet), None, self._t, watch=True))
 
     def _send(self, request: Request) -> None:
@@ -173,8 +172,8 @@ class GroundWalk:
                 self._stack.stop()
             elif self._stage is _Stage.ASKED:
                 self._walk_blind()
-        elif self._stage is _Stage.AROUND and answer.number == self._number:
-            self._pass(answer)
+        elif self._stage is _Stage.AROUND and answer.number == self._number and self._goal is not None:
+            self._pass(answer, self._goal)
 
     @property
     def _target(self) -> Foothold | None:
@@ -195,30 +194,29 @@ class GroundWalk:
             self._stage = _Stage.ROUTE
             self._route.begin(here, _ENDLESS)
             return
-        line, way = self._way_to_goal()
+        line, way = self._way_to(self._goal)
         if abs(wrap(line.yaw - here.yaw)) > _TURNED:
             self._stack.walk_to(line)
             return
-        if self._told_around():
+        if self._around():
             self._stage, self._asked = _Stage.LOOK, self._t
         else:
             self._stage = _Stage.ROUTE
             self._route.begin(line, way)
 
-    def _way_to_goal(self) -> tuple[Foothold, float]:
-        """A line from here to the goal, and its length [m]."""
-        here, goal = middle(self._law.footholds), self._goal
-        assert goal is not None
+    def _way_to(self, goal: Foothold) -> tuple[Foothold, float]:
+        """A line from here to a pose, and its length [m]."""
+        here = middle(self._law.footholds)
         bearing = math.atan2(goal.y - here.y, goal.x - here.x)
         return Foothold(here.x, here.y, bearing, here.z), math.hypot(goal.x - here.x, goal.y - here.y)
 
-    def _ask_around(self) -> None:
-        line, way = self._way_to_goal()
+    def _ask_around(self, goal: Foothold) -> None:
+        line, way = self._way_to(goal)
         self._stage, self._asked, self._number = _Stage.AROUND, self._t, self._number - 1
         query = GroundQuery(line, way, self._law.footholds)
         self._send(Request(self._number, query, None, self._t, around=True))
 
-    def _pass(self, answer: Answer) -> None:
+    def _pass(self, answer: Answer, goal: Foothold) -> None:
         """Walk through the poses of an answer, or over what is in the way where there is nothing to pass."""
         self._detours += 1
         if answer.reason or self._detours > _DETOURS:
@@ -228,7 +226,7 @@ class GroundWalk:
             self._walk_blind()
         else:
             self._stage = _Stage.ROUTE
-            self._route.begin(*self._way_to_goal())
+            self._route.begin(*self._way_to(goal))
 
     def _arrive(self, outcome: str) -> None:
         """The gait's own route has ended: at a pose beside what is in the way, or at the goal."""
