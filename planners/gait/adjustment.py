@@ -222,7 +222,7 @@ class StepPlanner:
         if command.route.steps:
             steps = command.route.ahead(stance, count, self._limits, level)
             return np.array([(*stance.pose, 0.0), *((*step.pose, step.z - stance.z) for step in steps)])
-        period, velocity, left = walk.pace.period, command.velocity, command.steps_left
+        period, velocity, left = walk.pace.period, command.asked, command.steps_left
         if walk.landing is None:
             return preview_poses(stance, walk.foot, velocity, period, self._bounds, count, left)
         first = clamped(stance, walk.foot, *walk.landing.hold.pose, self._limits)

@@ -13,6 +13,7 @@ from planners.gait.config import GaitConfig, VelocityConfig
 from planners.gait.footsteps import LEFT, RIGHT, Foothold
 from planners.gait.pace import velocity_within
 from planners.gait.route import Footstep, Route, check_footsteps, plan_to_pose, route_of, route_over, soles_after
+from planners.gait.speed import SpeedTrim
 
 
 class VelocityCommand:
@@ -53,6 +54,12 @@ class CommandState(Struct, frozen=True):
     muted: bool = False  # velocities are ignored until zero is commanded once
     route: Route = Route()  # footsteps that replace those of the velocity
     steps_left: int | None = None  # touchdowns until the walk ends; None to walk on
+    trim: SpeedTrim = SpeedTrim()
+
+    @property
+    def asked(self) -> Velocity:
+        """The velocity whose nominal steps make the present one."""
+        return self.trim.of(self.velocity)
 
     @property
     def moving(self) -> bool:

@@ -98,6 +98,14 @@ class VelocityConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class SpeedConfig:
+    """How steps are corrected that fall short of a velocity; see ``speed.py``."""
+
+    gain: Share  #: Of the last stride's error in the factor [-]
+    most: Share  #: By which a factor differs from one at most [-]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class SwingConfig:
     """Swing foot."""
 
@@ -247,6 +255,7 @@ class GaitConfig:
     timing: TimingConfig
     reach: ReachConfig
     velocity: VelocityConfig
+    speed: SpeedConfig
     swing: SwingConfig
     adjustment: AdjustmentConfig
     route: RouteConfig

@@ -20,7 +20,7 @@ from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneDetector, Soles
 from planners.gait.dcm import DcmState, double_support, single_support
 from planners.gait.footing import FLAT, Footing
-from planners.gait.footsteps import Feet, Foothold, Point, clamped, replaced, wrap
+from planners.gait.footsteps import Feet, Foothold, Point, clamped, replaced, side_of, wrap
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Ground, Measurement, filtered_dcm_rate
 from planners.gait.pace import longest_step, lost_share, pace_at, share_of, share_within, urgency_after
 from planners.gait.reaction import SwingLeg, leg_lever
@@ -28,6 +28,7 @@ from planners.gait.reference import ReferenceBuilder
 from planners.gait.regions import Region, region_limits
 from planners.gait.route import Footstep, Route, soles_after
 from planners.gait.scaling import load_gait_config
+from planners.gait.speed import SpeedTrim
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
 from planners.gait.strength import torque_limits
 from planners.gait.swing import SwingFoot
@@ -448,6 +449,7 @@ class GaitPlanner:
     def _land(self, foot: int) -> None:
         gait = self.state
         gait.steps += 1
+        self._learn_speed(foot)
         gait.early = max(gait.step.time - gait.elapsed, 0.0)
         missed = abs(gait.step.time - gait.elapsed) * math.hypot(*gait.dcm_rate.tolist())  # uneven ground [m]
         gait.urgency = urgency_after(gait.urgency, missed, 0.0, self.config.pace)
@@ -464,6 +466,18 @@ class GaitPlanner:
         else:
             self._enter(GaitPhase.DOUBLE)
         gait.command = command
+
+    def _learn_speed(self, foot: int) -> None:
+        """What the step of a foot that touches down made of the velocity."""
+        gait, config, command = self.state, self.config, self.state.command
+        trim, reached = structs.replace(command.trim, steady=None), gait.measured.soles[foot]
+        if not gait.step.urgent and not command.route.steps and command.steps_left is None:
+            period, middle = (
+                gait.early + gait.step.double + gait.elapsed,
+                (0.0, -0.5 * side_of(foot) * config.reach.width),
+            )
+            trim = command.trim.landed(command.velocity, gait.step.liftoff, reached, middle, period, config.speed)
+        gait.command = structs.replace(command, trim=trim)
 
     def _lies_flat(self, foot: int) -> bool:
         """Whether a planted sole bears on an area, not on an edge."""
@@ -524,7 +538,7 @@ class GaitPlanner:
         gait = self.state
         gait.stance = 1 - gait.command.first_foot
         gait.dcm = gait.dcm.begin_blend()
-        gait.command = gait.command.counted(None)
+        gait.command = structs.replace(gait.command, steps_left=None, trim=SpeedTrim())
         self._enter(GaitPhase.START)
 
     def _recover(self) -> None:

@@ -154,7 +154,7 @@ def coming_steps(view: GaitView, config: GaitConfig) -> list[Foothold]:
         ahead = command.route.ahead(holds[gait.stance], config.preview, limits_of(config.reach), level)
         return [*taken, *ahead[len(taken) :]]
     count, period = max(config.preview - len(taken), 1), gait.pace.period
-    return taken + preview_footholds(first, foot, command.velocity, period, config.reach, count, left)
+    return taken + preview_footholds(first, foot, command.asked, period, config.reach, count, left)
 
 
 def capture_margin(view: GaitView, config: GaitConfig) -> float:

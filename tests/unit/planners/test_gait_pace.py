@@ -1,4 +1,4 @@
-"""The pace: smooth over speed and disturbance, and steps that the robot can take at every commanded velocity."""
+"""The pace: smooth over speed and disturbance; steps that the robot can take at every velocity, and that make it."""
 
 import math
 
@@ -7,12 +7,17 @@ import pytest
 
 from models.config import default_config
 from models.robot_model import RobotModel
-from planners.gait.config import GaitConfig
-from planners.gait.footsteps import advance_of
+from models.types import Velocity
+from planners.gait.config import GaitConfig, SpeedConfig
+from planners.gait.footsteps import Foothold, Point, advance_of
 from planners.gait.pace import longest_step, lost_share, pace_at, share_of, share_within, urgency_after, velocity_within
 from planners.gait.scaling import load_gait_config
+from planners.gait.speed import SpeedTrim
 
 SHARES = np.linspace(0.0, 1.0, 201)
+SPEED = SpeedConfig(gain=0.2, most=0.15)
+PERIOD = 0.4
+MIDDLE: Point = (0.0, -0.1)
 
 
 @pytest.fixture(scope="module", params=["g1", "talos"])
@@ -116,3 +121,48 @@ def test_the_share_of_a_sole_without_ground() -> None:
     assert lost_share(strip, half) == pytest.approx(0.75)
     edge = np.array([whole[0], [0.12, 0.12, -0.025, 0.025]])
     assert lost_share(edge, half) == 1.0
+
+
+def walked(velocity: Velocity, share: float, strides: int, trim: SpeedTrim | None = None) -> SpeedTrim:
+    """After strides in which the body makes a share of the velocity that is asked for, along its arc."""
+    trim = trim or SpeedTrim()
+    x, y, yaw = 0.3, -0.2, 0.5
+    for _ in range(strides):
+        forward, left, turn = (share * part * 2.0 * PERIOD for part in trim.of(velocity))
+        before = sole_of(x, y, yaw)
+        for _ in range(1000):  # along the arc
+            x += 0.001 * (math.cos(yaw) * forward - math.sin(yaw) * left)
+            y += 0.001 * (math.sin(yaw) * forward + math.cos(yaw) * left)
+            yaw += 0.001 * turn
+        trim = trim.landed(velocity, before, sole_of(x, y, yaw), MIDDLE, PERIOD, SPEED)
+    return trim
+
+
+def sole_of(x: float, y: float, yaw: float) -> Foothold:
+    """The sole with the middle of both feet at a place."""
+    return Foothold(*Foothold(x, y, yaw).moved(-MIDDLE[0], -MIDDLE[1]), yaw)
+
+
+@pytest.mark.parametrize(
+    "velocity", [(0.6, 0.0, 0.0), (-0.3, 0.0, 0.0), (0.0, -0.2, 0.0), (0.0, 0.0, 0.8), (0.4, 0.1, 0.5)]
+)
+def test_what_steps_fall_short_by_is_asked_for(velocity: Velocity) -> None:
+    trim = walked(velocity, 0.95, 40)
+    for part, asked in zip(velocity, trim.of(velocity), strict=True):
+        assert 0.95 * asked == pytest.approx(part, rel=2e-3, abs=1e-9)
+
+
+def test_a_walk_that_makes_its_velocity_is_left_alone() -> None:
+    assert walked((0.4, 0.0, 0.5), 1.0, 20).factors == pytest.approx((1.0, 1.0, 1.0), abs=1e-3)
+
+
+@pytest.mark.parametrize("share", [0.5, 2.0])
+def test_a_walk_that_is_held_is_not_driven_on_without_bound(share: float) -> None:
+    assert abs(walked((0.4, 0.0, 0.0), share, 60).factors[0] - 1.0) == pytest.approx(SPEED.most)
+
+
+def test_a_stride_at_two_velocities_does_not_count() -> None:
+    trim = walked((0.4, 0.0, 0.0), 0.9, 1)
+    assert trim.factors == (1.0, 1.0, 1.0)
+    assert walked((0.5, 0.0, 0.0), 0.9, 1, trim).factors == (1.0, 1.0, 1.0)
+    assert walked((0.4, 0.0, 0.0), 0.9, 1, trim).factors[0] > 1.0
