@@ -468,15 +468,13 @@ class GaitPlanner:
         gait.command = command
 
     def _learn_speed(self, foot: int) -> None:
-        """What the step of a foot that touches down made of the velocity."""
+        """What the step of a foot that touches down made of the velocity; rough ground cuts steps short itself."""
         gait, config, command = self.state, self.config, self.state.command
-        trim, reached = structs.replace(command.trim, steady=None), gait.measured.soles[foot]
-        if not gait.step.urgent and not command.route.steps and command.steps_left is None:
-            period, middle = (
-                gait.early + gait.step.double + gait.elapsed,
-                (0.0, -0.5 * side_of(foot) * config.reach.width),
-            )
-            trim = command.trim.landed(command.velocity, gait.step.liftoff, reached, middle, period, config.speed)
+        trim, reached, step = structs.replace(command.trim, steady=None), gait.measured.soles[foot], gait.step
+        going_on = not command.route.steps and command.steps_left is None
+        if going_on and not step.urgent and gait.soles.roughness == 0.0:
+            middle, period = (0.0, -0.5 * side_of(foot) * config.reach.width), gait.early + step.double + gait.elapsed
+            trim = command.trim.landed(command.velocity, step.liftoff, reached, middle, period, config.speed)
         gait.command = structs.replace(command, trim=trim)
 
     def _lies_flat(self, foot: int) -> bool:

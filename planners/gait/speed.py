@@ -7,7 +7,7 @@ each touchdown from the way of the foot since it last lay on the floor, over two
 .. math:: f \leftarrow \mathrm{clip}\left(f + \gamma \left(1 - \frac{d}{2 v T}\right),\; 1 \pm f_{max}\right)
 
 ``d`` is the way of the middle between the feet, along the arc. Both ends are soles on the floor, so the drift of the
-estimate is not in it. Only steps at a steady velocity count that were not urgent.
+estimate is not in it. Only steps at a steady velocity count, on ground that is not rough, that were not urgent.
 """
 
 import math
