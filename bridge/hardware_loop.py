@@ -9,7 +9,8 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from bridge.driver.drivers import HardwareDrivers
-from bridge.driver.startup import StartState, Startup
+from bridge.driver.start_commands import StartState
+from bridge.driver.startup import Startup
 from bridge.loop.lockstep import PlantMonitor
 from bridge.loop.log import LoopLog
 from bridge.plants.base import HardwarePlant

@@ -17,7 +17,7 @@ from benchmarks.core.benchmark import settings
 from benchmarks.core.fault_rows import AnyRow, FaultBenchmark
 from benchmarks.core.harness import Case, Options, chosen
 from benchmarks.faults.hardware_acts import ACTS, AnyLoop
-from bridge.driver.startup import StartState
+from bridge.driver.start_commands import StartState
 from bridge.hardware_loop import HardwareLoop, Ros2ControlLoop
 from bridge.plants.ros2_control.commands import DRIVER, GUARD
 from bridge.plants.unitree.codec import GUARD_MARK, MARK

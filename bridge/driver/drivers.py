@@ -4,7 +4,8 @@ import numpy as np
 import pinocchio as pin
 
 from bridge.driver.foot_load import FootLoad
-from bridge.driver.startup import BEFORE_RELEASE, StartInputs, StartState, Startup
+from bridge.driver.start_commands import StartState
+from bridge.driver.startup import BEFORE_RELEASE, StartInputs, Startup
 from bridge.plants.base import HardwarePlant, Plant, ReleaseGate, SimulatedPlant, hanging_command
 from bridge.plants.config import LoopConfig
 from controllers.estimation.assembler import mean_sample

@@ -19,71 +19,15 @@ controller becomes active, commands end, and the start begins again.
 """
 
 from collections.abc import Callable, Sequence
-from copy import deepcopy
-from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from pydantic.dataclasses import dataclass
 
-from bridge.plants.base import standing_torques
-from controllers.joints.joint_servo import (
-    bounded_command,
-    damping_command,
-    drive_torque,
-    fade_to_damping,
-    mean_command,
-)
-from models.config import STRICT, Fraction, NonNegative, Positive, default_config
+from bridge.driver.start_commands import StartCommands, StartState, StartupConfig, stiff_hold_acts
+from models.config import default_config
 from models.errors import CommandError
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData, Vector
-
-
-@dataclass(frozen=True, slots=True, config=STRICT)
-class StartupConfig:
-    """Schema of ``bridge/config/startup.yaml``, which has units and meanings."""
-
-    listen_time: Positive
-    answer_timeout: Positive
-    release_timeout: Positive
-    quiet_time: Positive
-    hand_over_time: Positive
-    settle_time: NonNegative
-    rest_speed: Positive
-    ramp_speed: Positive
-    ramp_time: Positive
-    ramp_error: Positive
-    air_torque: Fraction
-    stiffness: Positive
-    damping: Positive
-    load_window: Positive
-    load_tolerance: Fraction
-    load_time: NonNegative
-    tilt_max: Positive
-    hang_load_max: Fraction
-    topple_tilt: Positive
-    topple_time: NonNegative
-    fade: Positive
-    relax_height: Fraction
-    relax_time: Positive
-
-
-class StartState(StrEnum):
-    """State of the start."""
-
-    LISTEN = "listen"  # checks of the robot's messages; nothing is commanded
-    GANTRY = "gantry"  # the operator confirms that the robot hangs; nothing is commanded
-    RELEASE = "release"  # the vendor's controller ends; nothing is commanded
-    DAMP = "damp"  # the joints come to rest
-    PREPARE = "prepare"  # slow ramp to the standing posture, in the air
-    HANGING = "hanging"  # stiff, in the air
-    HELD = "held"  # stiff, on the way to the ground
-    LOADED = "loaded"  # stiff, on its feet
-    STAND = "stand"  # the joint drivers are in command
-    RELAX = "relax"  # their last command fades slowly into damping
-    DAMPED = "damped"  # after a stop or a fault
-
 
 #: Nothing is commanded yet; the vendor's controller is in command, unless it was released before
 BEFORE_RELEASE = (StartState.LISTEN, StartState.GANTRY)
@@ -132,7 +76,7 @@ class Startup:
         executed: Callable[[JointCommand], JointCommand] = lambda command: command,
         own: str = "",
     ) -> None:
-        self._executed, self._own = executed, own
+        self._own = own
         self.config = config or default_config(StartupConfig, "bridge", "startup")
         self.model = model
         self.state = StartState.LISTEN
@@ -141,11 +85,7 @@ class Startup:
         self._load_error = 0.0  # of the newest load [-]
         self.tilt = np.nan  #: Of the base, averaged likewise [rad]
         self._crashed = crashed
-        self._target = model.posture("stand").copy()
-        self._kp, self._kd = self.config.stiffness * model.kp, self.config.damping * model.kd
-        self._damping = damping_command(model)
-        self._data = model.data()
-        self._standing = np.zeros(model.nj)  # torques of the load on the feet (nj,) [N.m]
+        self._drives = StartCommands(model, self.config, executed)
         self._monitor_holds: Sequence[str] = ()  # present holds of the monitors
         self._vendor: str | None = None
         self._stopped = ""  # reason to damp as soon as the vendor's controller has ended
@@ -153,9 +93,6 @@ class Startup:
         self._elapsed = 0.0  # in this state, by the robot's clock, which the driver continues without samples [s]
         self._good = 0.0  # time for which the condition of the state has held [s]
         self._t: float | None = None
-        self._from = self._target  # joint positions at the start of the ramp (nj,) [rad]
-        self._ramp = self.config.ramp_time
-        self._at_fault = self._last = JointCommand.torque(np.zeros(model.nj))
         self._findings: Sequence[str] = ("no message of the robot yet",)
         self._doubts: Sequence[str] = self._findings
         if crashed:
@@ -180,7 +117,7 @@ class Startup:
         if state is StartState.DAMP:
             return f"the joints to be slower than {config.rest_speed:g} rad/s for {config.settle_time:g} s"
         if state is StartState.PREPARE:
-            return f"the ramp to the standing posture, {max(self._ramp - self._elapsed, 0.0):.1f} s"
+            return f"the ramp to the standing posture, {max(self._drives.ramp - self._elapsed, 0.0):.1f} s"
         if state is StartState.RELAX:
             return f"the robot to sink, {max(config.relax_time - self._elapsed, 0.0):.1f} s"
         if state is StartState.HELD:
@@ -234,7 +171,7 @@ class Startup:
     @property
     def fading(self) -> bool:
         """Whether the stiff hold still acts."""
-        return self.state is StartState.LOADED or (self.state is StartState.STAND and self._elapsed < self.config.fade)
+        return stiff_hold_acts(self.state, self._elapsed, self.config)
 
     def confirm_gantry(self) -> str:
         """The operator confirms that the robot hangs; the vendor's controller is released."""
@@ -295,7 +232,7 @@ class Startup:
     def relax(self) -> str:
         """Let the standing robot sink slowly, from a low posture: it loses its balance on the way."""
         self._require("relax", StartState.STAND)
-        self._last = deepcopy(self._last)  # the drivers overwrite their command in every tick
+        self._drives.keep_last()
         self._enter(StartState.RELAX)
         return "the robot sinks, then it is damped"
 
@@ -308,7 +245,7 @@ class Startup:
         self._t, self._findings = t, inputs.findings
         self._doubts, self._monitor_holds, self._vendor = inputs.doubts, inputs.holds, inputs.vendor
         if self._crashed and self.state is StartState.LISTEN and np.isfinite(sensors.tau).all():
-            self._at_fault = JointCommand.torque(sensors.tau)  # of the command that the last driver left
+            self._drives.fade_from(sensors.tau)  # of the command that the last driver left
         self._elapsed += dt
         share = min(dt / config.load_window, 1.0)
         self.tilt = self.tilt + share * (inputs.tilt - self.tilt) if np.isfinite(self.tilt) else inputs.tilt
@@ -335,7 +272,8 @@ class Startup:
             self._release(inputs, dt)
         elif self.state is StartState.DAMP:
             if self._holds(bool(np.abs(sensors.v).max() < config.rest_speed), dt, config.settle_time):
-                self._begin_ramp(sensors.q)
+                self._enter(StartState.PREPARE)
+                self._drives.begin_ramp(sensors.q)
         elif self.state is StartState.PREPARE:
             if self._holds(bool(self.grounded), dt, config.load_time):
                 self.damp(self.grounded)
@@ -360,29 +298,9 @@ class Startup:
 
     def command(self, sensors: SensorData, driver: JointCommand) -> JointCommand | None:
         """Command of the drives, where ``driver`` is that of the joint drivers; None while nothing is commanded."""
-        state = self.state
         if not self.commands:
             return None
-        self._standing[:] = 0.0
-        if state in (StartState.HELD, StartState.LOADED) or self.fading:
-            load = min(max(self.load, 0.0), 1.0)
-            self._standing += load * standing_torques(self.model, sensors.q, self._data)
-        if state is StartState.STAND:
-            given = self._faded(driver) if self.fading else driver
-            self._last = given
-        elif state is StartState.RELAX:
-            given = mean_command(
-                self.model, self._last, self._damping, min(self._elapsed / self.config.relax_time, 1.0)
-            )
-        elif state in (StartState.DAMP, StartState.DAMPED):
-            given = self._damped()
-        else:
-            share = self.config.air_torque if state in (StartState.PREPARE, StartState.HANGING) else 1.0
-            given = bounded_command(self.model, self._held(), sensors.q, sensors.v, share)
-        if state is not StartState.DAMPED:
-            torque = drive_torque(self.model, self._executed(given), sensors.q, sensors.v)
-            self._at_fault = JointCommand.torque(torque)
-        return given
+        return self._drives.command(self.state, self._elapsed, self.load, sensors, driver)
 
     def _require(self, name: str, state: StartState) -> None:
         if self.state is not state:
@@ -451,45 +369,15 @@ class Startup:
             self._enter(StartState.LISTEN)
             self.reason = reason
 
-    def _begin_ramp(self, q: Vector) -> None:
-        self._enter(StartState.PREPARE)
-        self._from = q.copy()
-        self._ramp = max(float(np.abs(self._target - q).max()) / self.config.ramp_speed, self.config.ramp_time)
-
     def _follow_ramp(self, q: Vector) -> None:
-        if not self._damp_behind(q) and self._elapsed >= self._ramp and not self.grounded:
+        if not self._damp_behind(q) and self._elapsed >= self._drives.ramp and not self.grounded:
             self._enter(StartState.HANGING)
 
     def _damp_behind(self, q: Vector) -> bool:
         """Damp a robot in the air one of whose joints something holds away from the reference; whether it did."""
-        behind = np.abs(self._reference() - q)
+        behind = np.abs(self._drives.reference(self.state, self._elapsed) - q)
         if not behind.max() > self.config.ramp_error:
             return False
         worst = int(behind.argmax())
         self.damp(f"joint '{self.model.joint_names[worst]}' is {behind[worst]:.2f} rad off its reference")
         return True
-
-    def _reference(self) -> Vector:
-        """Position of the stiff hold (nj,) [rad]."""
-        if self.state is not StartState.PREPARE:
-            return self._target
-        u = min(self._elapsed / self._ramp, 1.0)
-        return self._from + u * u * (3.0 - 2.0 * u) * (self._target - self._from)
-
-    def _held(self) -> JointCommand:
-        """Stiff hold; its gains grow from those of damping in the first third of the ramp."""
-        held = JointCommand(self._reference(), np.zeros(self.model.nj), self._standing, self._kp, self._kd)
-        if self.state is not StartState.PREPARE:
-            return held
-        return mean_command(self.model, self._damping, held, min(3.0 * self._elapsed / self._ramp, 1.0))
-
-    def _damped(self) -> JointCommand:
-        """Damping; after a stop, the last torque fades into it."""
-        if self.state is not StartState.DAMPED:
-            return self._damping
-        return fade_to_damping(self.model, self._at_fault, self._elapsed)
-
-    def _faded(self, driver: JointCommand) -> JointCommand:
-        """From the stiff hold to the drivers' command."""
-        u = self._elapsed / self.config.fade
-        return mean_command(self.model, self._held(), driver, u * u * (3.0 - 2.0 * u))

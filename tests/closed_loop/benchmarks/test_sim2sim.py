@@ -10,7 +10,7 @@ import pytest
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Options, Report
 from benchmarks.stability import sim2sim
-from bridge.driver.startup import StartState
+from bridge.driver.start_commands import StartState
 from bridge.hardware_loop import HardwareLoop
 from bridge.plants.deviation import Deviation
 from models.errors import ConfigError

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.driver.startup import StartState
+from bridge.driver.start_commands import StartState
 from bridge.hardware_loop import BoosterLoop, Process
 from bridge.launch.ending import EndConfig
 from bridge.plants.booster.codec import (

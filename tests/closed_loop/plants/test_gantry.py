@@ -7,7 +7,7 @@ from unittest.mock import patch
 
 import pytest
 
-from bridge.driver.startup import StartState
+from bridge.driver.start_commands import StartState
 from bridge.hardware_loop import HardwareLoop
 from bridge.plants.unitree.wire import new_low_cmd, write_low_cmd
 from models.errors import CommandError

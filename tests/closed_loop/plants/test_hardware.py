@@ -15,7 +15,8 @@ import pytest
 from msgspec import structs
 
 from bridge.driver.foot_load import identify, payload_profile
-from bridge.driver.startup import BEFORE_RELEASE, StartState
+from bridge.driver.start_commands import StartState
+from bridge.driver.startup import BEFORE_RELEASE
 from bridge.hardware_loop import HardwareLoop, Process
 from bridge.launch.ending import EndConfig
 from bridge.plants.deviation import Deviation

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from bridge.driver.startup import StartState
+from bridge.driver.start_commands import StartState
 from bridge.hardware_loop import Process, Ros2ControlLoop
 from bridge.plants.ros2_control.commands import command_codec
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, Source

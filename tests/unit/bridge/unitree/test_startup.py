@@ -8,7 +8,8 @@ import pytest
 from msgspec import structs
 
 from bridge.driver.foot_load import FootLoad
-from bridge.driver.startup import StartInputs, StartState, Startup
+from bridge.driver.start_commands import StartState
+from bridge.driver.startup import StartInputs, Startup
 from bridge.plants.base import standing_torques
 from controllers.joints.joint_servo import drive_torque
 from models.constants import GRAVITY
