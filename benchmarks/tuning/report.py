@@ -81,7 +81,7 @@ def verdict(config: TuneConfig, tuned: Tuned) -> tuple[bool, str]:
         worse.append(f"loss {old:.3f} before, {new:.3f} after")
     said = f"worse by more than {100.0 * config.tolerance:g} %"
     text = f"not passed, {said}: {'; '.join(worse)}" if worse else f"passed, nothing {said}"
-    return not worse, f"{text}; {gained} scenarios gained, {lost} lost (p = {chance:.2g} by chance)"
+    return not worse, f"{text}; {gained} scenarios gained, {lost} lost (sign test: p = {chance:.2g})"
 
 
 def table(config: TuneConfig, tuned: Tuned) -> list[tuple[str, str, str]]:
