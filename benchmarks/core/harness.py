@@ -163,8 +163,12 @@ def run_cases(
     bench: str,
     options: Options,
     alone: bool = False,
+    silent: bool = False,
 ) -> list[Case]:
-    """Measure the cases not known yet by a function of a module; ``alone``: in this process, for timing."""
+    """Measure the cases not known yet by a function of a module; ``alone``: in this process, for timing.
+
+    ``silent`` leaves out the progress bar, as ``alone`` does.
+    """
 
     def produce(remaining: Sequence[Case]) -> Iterator[tuple[int, Done]]:
         executor = options.sweep.executor
@@ -178,7 +182,7 @@ def run_cases(
         with make_executor(options.workers) as executor:
             yield from executor.run(measure, remaining)
 
-    return collect(produce, cases, bench=bench, options=options, silent=alone)
+    return collect(produce, cases, bench=bench, options=options, silent=alone or silent)
 
 
 def write_json(report: Report, path: Path) -> None:

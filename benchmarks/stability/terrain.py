@@ -13,6 +13,8 @@ from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
 from bridge.closed_loop import ClosedLoop
+from bridge.plants.deviation import Deviation
+from bridge.plants.sensors import SensorErrors
 from models.config import STRICT, NonNegative, Positive, Share
 from models.heading import heading
 from models.robot_model import RobotModel
@@ -29,6 +31,7 @@ class Condition:
     friction: Positive | None = None  #: Coulomb coefficient [-]; the robot's when None
     payload: NonNegative = 0.0  #: Unknown mass at the torso, as a share of the robot's [-]
     delay: NonNegative = 0.0  #: Added to that of sensors and commands [s]
+    deviation: Deviation | None = None  #: How the simulated robot differs from the model of the laws
     speed: Positive | None = None  #: Forward; that of all conditions when None [m/s]
 
 
@@ -57,34 +60,47 @@ def walk(robot: str, seed: int, scenario: str, contender: str = "") -> Case:
     return walk_under({**config.conditions, **config.goals}[scenario], robot, seed, contender)
 
 
-def walk_under(condition: Condition, robot: str, seed: int, contender: str = "") -> Case:
-    """Walk straight ahead under one condition; ``trips`` are feet that were caught, ``moments`` of a failed walk."""
-    config = _config()
-    model = _robot(robot)
-    latency = model.profile.sensors.latency
-    conditions: dict[str, Any] = {
+def loop_under(condition: Condition, model: RobotModel, seed: int, contender: str = "", **options: Any) -> ClosedLoop:
+    """A loop under one condition, at its start; further options are those of ``ClosedLoop``."""
+    latency, deviation = model.profile.sensors.latency, condition.deviation
+    options |= {
         "seed": seed,
         "terrain": terrain_named(condition.terrain, seed=seed),
         "friction": condition.friction,
         "payload_kg": condition.payload * model.mass,
         "delay_s": latency.sensors + latency.commands + condition.delay,
-        "record_period_s": config.record_period,
     }
-    loop: ClosedLoop = ContenderLoop(contender, model, **conditions) if contender else ClosedLoop(model, **conditions)
+    if deviation is not None:
+        options["sensor_errors"] = SensorErrors(encoder_offsets=deviation.encoder_offsets(model, seed))
+    loop: ClosedLoop = ContenderLoop(contender, model, **options) if contender else ClosedLoop(model, **options)
+    if deviation is not None:
+        deviation.apply(loop.plant, seed)
+        loop.reset(seed)
+    return loop
+
+
+def walk_ahead(loop: ClosedLoop, speed: float, duration: float) -> tuple[float, float, bool]:
+    """Walk from the stand on: time until the fall or the end [s], distance ahead [m], and whether it survived."""
     loop.command("walk")
-    speed = condition.speed or config.speed
     loop.set_velocity(speed, 0.0, 0.0)
     (x, y), yaw = loop.truth.q[:2].copy(), heading(*loop.truth.q[3:7])
     start = loop.t
-    while loop.t - start < config.duration and not loop.fallen:
+    while loop.t - start < duration and not loop.fallen:
         loop.run(0.1)
     moved = loop.truth.q[:2] - (x, y)
     distance = float(moved @ (math.cos(yaw), math.sin(yaw)))
-    survived = not loop.fallen and distance >= config.distance_share * speed * config.duration
+    return loop.t - start, distance, not loop.fallen and distance >= _config().distance_share * speed * duration
+
+
+def walk_under(condition: Condition, robot: str, seed: int, contender: str = "") -> Case:
+    """Walk straight ahead under one condition; ``trips`` are feet that were caught, ``moments`` of a failed walk."""
+    config = _config()
+    loop = loop_under(condition, _robot(robot), seed, contender, record_period_s=config.record_period)
+    time, distance, survived = walk_ahead(loop, condition.speed or config.speed, config.duration)
     outcome: Case = {
         "fell": loop.fallen,
         "reason": loop.fall_reason or "; ".join(loop.faults),
-        "time": loop.t - start,
+        "time": time,
         "distance": distance,
         "survived": survived,
         "trips": 0 if isinstance(loop, ContenderLoop) else loop.gait.trips,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich import progress
 from rich.console import Console
 from rich.table import Table
 
@@ -23,32 +23,54 @@ def tune(
     results: Annotated[
         Path | None, typer.Option(help="Finished scenarios; the search goes on from there. Beside --out by default.")
     ] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="Write a plot into this folder.")] = None,
     workers: Workers = 1,
     scheduler: Scheduler = "",
 ) -> None:
-    """Search parameters of the laws on random pushes, and write a profile with them; docs/tune.md."""
+    """Search parameters of the laws in random scenarios, and write a profile with them; docs/tune.md.
+
+    Exits 0 only when nothing got worse on scenarios that the search has not seen.
+    """
     from benchmarks.core.harness import Options
-    from benchmarks.tuning.tune import Parameters, compare, load_tune_config, present, write_overlay
+    from benchmarks.tuning.config import load_tune_config
+    from benchmarks.tuning.report import draw_search, table, verdict, write_overlay
+    from benchmarks.tuning.tune import Generation
     from benchmarks.tuning.tune import tune as run
 
     console = Console()
     file = out or Path("out/tune") / f"{Path(robot).stem}.yaml"
+    done: list[Generation] = []
+    shown = (progress.MofNCompleteColumn(), progress.TimeElapsedColumn(), progress.TimeRemainingColumn())
+    columns = (progress.TextColumn("{task.description}"), progress.BarColumn(), *shown)
 
-    def progress(generation: int, losses: Sequence[float], mean: Parameters) -> None:
-        values = ", ".join(f"{name} {value:g}" for name, value in mean.items())
-        text = f"generation {generation + 1} of {config.generations}: loss {min(losses):.3f} to {max(losses):.3f}"
-        console.print(f"{text}; {values}", soft_wrap=True, highlight=False)
+    def ended(each: Generation) -> None:
+        done.append(each)
+        values = ", ".join(f"{name} {value:g}" for name, value in each.parameters.items())
+        text = (
+            f"generation {len(done)} of {config.generations}: loss {each.losses[0]:.3f} to {each.losses[-1]:.3f} of "
+            f"the best {len(each.losses)}, {each.measured} of {each.total} scenarios; {values}"
+        )
+        console.print(text, soft_wrap=True, highlight=False)
 
     with report_errors(console):
         config = load_tune_config(search)
-        before = present(config, robot)
-        with open_sweep(workers, scheduler, results or file.with_suffix(".jsonl")) as sweep:
-            found, (old, new) = run(config, Options(robot, workers=workers, sweep=sweep), progress)
-        rows = [(name, f"{before[name]:g}", f"{value:g}") for name, value in found.items()]
-        rows += compare(config, old, new)
-        write_overlay(file, robot, found, [f"{what}: {was} before, {now} after" for what, was, now in rows])
-    table = Table("", "before", "after", title="pushes taken that the search has not seen", title_justify="left")
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
-    console.print(f"profile: {file}", soft_wrap=True)
+        count = config.generations * config.population * config.total(config.scenarios)
+        count += 2 * config.judged * config.total(config.kinds)
+        with (
+            open_sweep(workers, scheduler, results or file.with_suffix(".jsonl")) as sweep,
+            progress.Progress(*columns, console=console) as bar,
+        ):
+            task = bar.add_task(f"tune {robot}", total=count)
+            options = Options(robot, workers=workers, sweep=sweep)
+            tuned = run(config, options, ended, lambda number: bar.advance(task, number))
+        passed, words = verdict(config, tuned)
+        write_overlay(file, robot, config, tuned)
+    shown_table = Table("", "before", "after", title="on scenarios that the search has not seen", title_justify="left")
+    for row in table(config, tuned):
+        shown_table.add_row(*row)
+    console.print(shown_table)
+    for line in (words, f"cost: {tuned.cost}", f"profile: {file}"):
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
+    if plot is not None:
+        console.print(f"plot: {draw_search(config, robot, tuned, plot)}", soft_wrap=True, highlight=False)
+    raise typer.Exit(0 if passed else 1)
