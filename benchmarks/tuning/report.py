@@ -81,7 +81,7 @@ def verdict(config: TuneConfig, tuned: Tuned) -> tuple[bool, str]:
         worse.append(f"loss {old:.3f} before, {new:.3f} after")
     said = f"worse by more than {100.0 * config.tolerance:g} %"
     text = f"not passed, {said}: {'; '.join(worse)}" if worse else f"passed, nothing {said}"
-    return not worse, f"{text}; {gained} scenarios gained, {lost} lost (sign test: p = {chance:.2g})"
+    return not worse, f"{text}; scenarios gained {gained}, lost {lost} (sign test: p = {chance:.2g})"
 
 
 def table(config: TuneConfig, tuned: Tuned) -> list[tuple[str, str, str]]:
@@ -116,12 +116,14 @@ def draw_search(config: TuneConfig, robot: str, tuned: Tuned, folder: Path) -> P
     axes.plot(generations, means, color="0.4", label=f"mean of the best {config.best}")
     axes.set(xlabel="generation, each with other scenarios", ylabel="loss [-]")
     axes.set_ylim(bottom=0.0)
+    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.legend(fontsize=7, frameon=False)
     axes = figure.add_subplot(grid[0, 1])
     for name, (low, high) in config.parameters.items():
         values = [tuned.start[name], *(each.parameters[name] for each in tuned.history)]
         axes.plot([0, *generations], [(value - low) / (high - low) for value in values], label=name)
     axes.set(xlabel="generation", ylabel="mean, of the range [-]", ylim=(-0.05, 1.05))
+    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.legend(fontsize=6, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     axes = figure.add_subplot(grid[1, :])
     places = np.arange(len(rows))

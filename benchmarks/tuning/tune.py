@@ -52,7 +52,7 @@ class Tuned:
     def cost(self) -> str:
         """What the search took, in words."""
         measured, total = (sum(getattr(each, name) for each in self.history) for name in ("measured", "total"))
-        judging = len(self.before) + len(self.after)
+        judging = len(self.before) * (1 if self.found == self.start else 2)
         return f"{self.cpu / 3600.0:.2f} core-hours, {measured} of {total} scenarios of the search, {judging} to judge"
 
 
@@ -127,5 +127,6 @@ def tune(
 
     history = search(config, start, losses, progress)
     found, judging = history[-1].parameters, draw(config, config.generations)
-    results = measure([(each, scenario) for each in (start, found) for scenario in judging])
-    return Tuned(start, found, history, results[: len(judging)], results[len(judging) :], cpu)
+    tried = [start] if found == start else [start, found]
+    results = measure([(each, scenario) for each in tried for scenario in judging])
+    return Tuned(start, found, history, results[: len(judging)], results[-len(judging) :], cpu)

@@ -156,6 +156,14 @@ def test_a_search_goes_on_where_it_ended(trials: list[Parameters], tmp_path: Pat
     assert found[0].cost.startswith(f"{counts[0] / 100:.2f} core-hours, {sum(measured[:3])} of 144 scenarios")
 
 
+def test_parameters_that_stay_are_judged_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune, "trial", lambda **_: {"loss": 0.0, "reason": "", "cpu": 1.0})
+    tuned = tune.tune(CONFIG, Options("g1"))
+    assert tuned.found == tuned.start and tuned.before == tuned.after and len(tuned.before) == JUDGING // 2
+    assert tuned.cpu == 12 * 6 * 8 + JUDGING // 2
+    assert tuned.cost.endswith(f"576 of 576 scenarios of the search, {JUDGING // 2} to judge")
+
+
 def judged(before: Sequence[int], after: Sequence[int]) -> Tuned:
     """Of each kind so many of 10 scenarios that are survived."""
 
@@ -176,16 +184,16 @@ def judged(before: Sequence[int], after: Sequence[int]) -> Tuned:
             (5, 5, 5),
             (9, 5, 5),
             True,
-            "passed, nothing worse by more than 2 %; 4 scenarios gained, 0 lost (sign",
+            "passed, nothing worse by more than 2 %; scenarios gained 4, lost 0 (sign",
         ),
         (
             (5, 5, 5),
             (9, 4, 5),
             False,
-            ": slope 5 before, 4 after; loss 0.750 before, 0.825 after; 4 scenarios",
+            ": slope 5 before, 4 after; loss 0.750 before, 0.825 after; scenarios",
         ),
         ((5, 5, 5), (9, 5, 4), False, "not passed, worse by more than 2 %: tiles 5 "),  # held out
-        ((5, 5, 5), (5, 5, 5), True, "0 scenarios gained, 0 lost (sign test: p = 1)"),
+        ((5, 5, 5), (5, 5, 5), True, "scenarios gained 0, lost 0 (sign test: p = 1)"),
         ((5, 5, 5), (9, 5, 5), True, "(sign test: p = 0.12)"),
     ],
 )
