@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from matplotlib.ticker import MaxNLocator
 
 from benchmarks.core.benchmark import saved
 from benchmarks.core.harness import Case
@@ -116,14 +117,14 @@ def draw_search(config: TuneConfig, robot: str, tuned: Tuned, folder: Path) -> P
     axes.plot(generations, means, color="0.4", label=f"mean of the best {config.best}")
     axes.set(xlabel="generation, each with other scenarios", ylabel="loss [-]")
     axes.set_ylim(bottom=0.0)
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(fontsize=7, frameon=False)
     axes = figure.add_subplot(grid[0, 1])
     for name, (low, high) in config.parameters.items():
         values = [tuned.start[name], *(each.parameters[name] for each in tuned.history)]
         axes.plot([0, *generations], [(value - low) / (high - low) for value in values], label=name)
     axes.set(xlabel="generation", ylabel="mean, of the range [-]", ylim=(-0.05, 1.05))
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(fontsize=6, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     axes = figure.add_subplot(grid[1, :])
     places = np.arange(len(rows))
