@@ -45,7 +45,7 @@ def test_the_pace_is_smooth_over_the_speed(config: GaitConfig, direction: tuple[
 
 
 def test_the_pace_is_slow_at_rest_and_fast_at_the_largest_velocities(config: GaitConfig) -> None:
-    """The largest velocities are those of the fast gait, but for one that torques limit: TALOS forward."""
+    """The largest velocities are at least those of the fast gait, but for one that torques limit: TALOS forward."""
     limits, names = config.velocity, ("single", "double", "crouch", "clearance")
     slow, fast = (pace_at(share, config.pace) for share in (0.0, 1.0))
     assert [getattr(slow, name) for name in names] == pytest.approx([getattr(config.pace.slow, name) for name in names])
@@ -53,7 +53,7 @@ def test_the_pace_is_slow_at_rest_and_fast_at_the_largest_velocities(config: Gai
     for velocity in ((config.pace.forward, 0.0, 0.0), (0.0, limits.lateral, 0.0), (0.0, 0.0, limits.turn)):
         assert share_of(velocity, config.pace) == pytest.approx(1.0)
     g1 = config.leg < 0.7
-    assert limits.forward == config.pace.forward if g1 else 1.0 < limits.forward < config.pace.forward
+    assert limits.forward >= config.pace.forward if g1 else 1.0 < limits.forward < config.pace.forward
 
 
 @pytest.mark.parametrize("axis", range(3))

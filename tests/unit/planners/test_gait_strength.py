@@ -41,7 +41,7 @@ def test_strong_legs_are_not_limited(g1: RobotModel, build: Build) -> None:
         config = load_gait_config(model)
         assert torque_limits(model, config) == {}
         assert within_torques(model, replace(config, torque_share=0.99)) == replace(config, torque_share=0.99)
-    assert load_gait_config(g1).velocity.forward == pytest.approx(1.2, abs=1e-3)
+    assert load_gait_config(g1).velocity.forward == pytest.approx(1.25, abs=1e-3)
 
 
 def test_talos_is_as_fast_as_its_hips(talos: RobotModel) -> None:
@@ -112,7 +112,7 @@ def test_what_a_velocity_exceeds_is_said_with_the_cause(g1: RobotModel) -> None:
         "forward": "forward -9 limited to -0.4 m/s by joint 'a' of 9 N.m",
         "turn": "turn 3 limited to 0.8 rad/s by the legs",
     }
-    assert exceeded((9.0, 0.0, 0.0), config.velocity, causes) == {"forward": "forward 9 limited to 1.2 m/s"}
+    assert exceeded((9.0, 0.0, 0.0), config.velocity, causes) == {"forward": "forward 9 limited to 1.25 m/s"}
     assert exceeded(STILL, config.velocity, causes) == {}
 
 
