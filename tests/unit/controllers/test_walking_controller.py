@@ -199,7 +199,7 @@ def test_a_sole_is_loaded_in_the_middle_of_what_bears(case: tuple[BalanceControl
 
 
 def test_a_drift_of_the_estimate_does_not_move_a_standing_robot() -> None:
-    """A new heading of an estimate 5 m from where it began moves robot and soles in W, and the commanded CMP as much."""
+    """A new heading of an estimate 5 m from its origin moves robot and soles in W, and the commanded CMP as much."""
     model = RobotModel.load("g1")
     foot = ContactState(True, np.array([0.0, 0.0, 0.5 * model.mass * GRAVITY, 0.0, 0.0, 0.0]))
     state = structs.replace(standing(model), contacts=(foot, foot))

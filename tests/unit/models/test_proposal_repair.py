@@ -257,4 +257,6 @@ def test_wrong_limits_of_a_robot_are_reported() -> None:
     )
     assert any("no shape below joint 'LLEG_ANKLE_R'" in text for text in findings(proposal, "l_ankle"))
     assert any("a placeholder" in text for text in findings(proposal, "LLEG_LINK1"))
-    assert any("the soles cannot be level" in text for text in findings(proposal, "RLEG_ANKLE_P"))
+    assert proposal.unmet in proposal.findings and proposal.unmet is not None
+    assert proposal.unmet.culprit == "joint 'RLEG_ANKLE_P' at the limit"
+    assert "need joint 'RLEG_ANKLE_P' at -0.09 of [0.00, 2.62] rad" in proposal.unmet.fault

@@ -123,7 +123,7 @@ def test_mirrored_velocities_take_as_much(g1: RobotModel) -> None:
 
 
 def test_slow_hips_limit_the_turn(tmp_path: Path) -> None:
-    """Each hip turns by w T in the single support T_s, along a cubic of root mean square speed sqrt(6 / 5) w T / T_s."""
+    """Each hip turns by w T in the single support T_s, along a cubic with the mean square (6 / 5) (w T / T_s)^2."""
     proposal = propose(Humanoid().write(tmp_path))
     joints = dict(proposal.profile.joints)
     for side in ("left", "right"):
