@@ -232,8 +232,11 @@ def check_robot(
         proposal, files = propose_profile(urdf, out, packages)
         model = RobotModel.load(files[0])
         trials = Trials(model, default_config(TrialConfig, "bridge", "check_robot"), seed)
-        done = _draw(model), *trials.run()
-        limits = trials.limits if done[1].passed else []
+        drawn, stood, *others = _draw(model), *trials.run()
+        if proposal.unmet is not None and not stood.passed:
+            stood = replace(stood, detail=f"{proposal.unmet.culprit}: {proposal.unmet.fault}; {stood.detail}")
+        done = drawn, stood, *others
+        limits = trials.limits if stood.passed else []
         notes = dict.fromkeys((*limits, *(str(each.message) for each in caught)))
     return Verdict(proposal, tuple(files), done, bool(arms(model)), tuple(notes))
 

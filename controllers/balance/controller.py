@@ -132,7 +132,7 @@ class BalanceController:
             posture.frames,
             self.whole_body.builder.edges,
             np.array([corners_of(area) for area in self.whole_body.areas]),
-            *(np.zeros(shape) for shape in ((8,), (2, 3, 3), (2, 3), (3, 3), (3,), (3,))),
+            *(np.zeros(shape) for shape in ((8,), (2, 3, 3), (2, 3), (2, 3), (3, 3), (3,), (3,))),
             *(np.zeros(shape) for shape in ((3,), (3, 3), (3, 3), (2,), (2,), (3,))),
         )
         self._unboxed = unbox(arrays)
@@ -174,7 +174,7 @@ class BalanceController:
         self.motions.reset(state.q[7:])
         # Nothing of an earlier run may remain, not even in the rounding: a reset controller is a new one.
         arrays = self._arrays
-        arrays.anchor[:] = arrays.positions[:] = 0.0
+        arrays.anchor[:] = arrays.positions[:] = arrays.seen[:] = 0.0
         arrays.anchor_rotation[:] = arrays.rotations[:] = np.eye(3)
         self._first_tick, self._moved, self.walking = True, False, False
         self._set_share(0.0)

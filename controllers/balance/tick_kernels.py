@@ -34,6 +34,7 @@ class BalanceArrays(NamedTuple):
     gains: Array  #: Of ``feedback_gains``, then the largest shift of the CMP [m] (8,)
     rotations: Array  #: Of the footholds (2, 3, 3)
     positions: Array  #: Of the footholds (2, 3)
+    seen: Array  #: x, y [m] and heading [rad] of the soles in the last tick (2, 3)
     anchor_rotation: Array  #: See ``_move_footholds`` (3, 3)
     anchor: Array  #: See ``_move_footholds`` (3,)
     apart: Array  #: From the right to the left sole in 'stand', in the anchor frame (3,)
@@ -81,10 +82,13 @@ def standing_reference(
         if not fresh:
             for i in range(3):
                 velocity[i] = (arrays.posture_com[i] - before[i]) / dt
+    loads = wrench_left[2], wrench_right[2]
     follow_left, follow_right = share == 1.0, share == 1.0
     if share < 1.0:
-        follow_left = not arrays.edges.free[0].any() and wrench_left[2] > least_load
-        follow_right = not arrays.edges.free[1].any() and wrench_right[2] > least_load
+        follow_left = not arrays.edges.free[0].any() and loads[0] > least_load
+        follow_right = not arrays.edges.free[1].any() and loads[1] > least_load
+        _drift(arrays, (loads[0] if follow_left else 0.0, loads[1] if follow_right else 0.0))
+    _note_soles(arrays)
     _move_footholds(arrays, follow_left, follow_right, share)
     _place_reference(arrays, velocity, reference)
     reference[0, 2] -= _drop(arrays, leg)
@@ -93,6 +97,39 @@ def standing_reference(
     reference[8, 0] = reference[0, 0] + reference[1, 0] / omega
     reference[8, 1] = reference[0, 1] + reference[1, 1] / omega
     reference[8, 2] = height
+
+
+@njit(cache=True)
+def _note_soles(arrays: BalanceArrays) -> None:
+    for foot in range(2):
+        pose = arrays.poses[foot]
+        arrays.seen[foot] = pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])
+
+
+@njit(cache=True)
+def _drift(arrays: BalanceArrays, loads: tuple[float, float]) -> None:
+    """Move the footholds as the soles have moved together in W since the last tick, weighted by ``loads`` [N].
+
+    Place and heading, which the estimator cannot observe, drift for references and measurements alike.
+    """
+    total, centre, way, turn = loads[0] + loads[1], np.zeros(2), np.zeros(2), 0.0
+    if total <= 0.0:
+        return
+    for foot in range(2):
+        pose, seen, weight = arrays.poses[foot], arrays.seen[foot], loads[foot] / total
+        for i in range(2):
+            centre[i] += weight * seen[i]
+            way[i] += weight * (pose[i, 3] - seen[i])
+        angle = np.arctan2(pose[1, 0], pose[0, 0]) - seen[2]
+        turn += weight * np.arctan2(np.sin(angle), np.cos(angle))
+    c, s = np.cos(turn), np.sin(turn)
+    for foot in range(2):
+        place, rotation = arrays.positions[foot], arrays.rotations[foot]
+        x, y = place[0] - centre[0], place[1] - centre[1]
+        place[0], place[1] = centre[0] + way[0] + c * x - s * y, centre[1] + way[1] + s * x + c * y
+        for j in range(3):
+            x, y = rotation[0, j], rotation[1, j]
+            rotation[0, j], rotation[1, j] = c * x - s * y, s * x + c * y
 
 
 @njit(cache=True)

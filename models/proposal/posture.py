@@ -63,7 +63,8 @@ class Standing:
 
     joints: dict[str, float]  # positions of the joints that are not at zero [rad]
     com_height: float  # above the soles [m]
-    findings: tuple[Finding, ...]  # unmet requirements
+    findings: tuple[Finding, ...]
+    unmet: Finding | None  # why this is no posture to stand in
 
 
 class PostureSolver:
@@ -93,7 +94,7 @@ class PostureSolver:
             if abs(bend) < 0.5 * self._config.knee:
                 text = f"the knee bends by {abs(bend):.2f} rad only from the stretched leg ({stretched:.2f} rad)"
                 findings.append(Finding("wrong", named("joint", [self._skeleton.name(knee)]), text, "bent so far"))
-        residuals = self._place_legs(knees, 1.0)
+        residuals, unmet = self._place_legs(knees, 1.0), None
         if (taken := self._taken(knees)) > self._config.torque_share:
             residuals = self._straighten(knees)
             names = [self._skeleton.name(knee) for knee, _, _ in knees]
@@ -105,11 +106,13 @@ class PostureSolver:
             remedy = f"bent by {share:.2f} rad only, where it takes {left * limit:.0f} N.m"
             findings.append(Finding("note", named("joint", names), text, remedy))
         if np.abs(residuals[:6]).max() > self._config.level:
-            text = f"the soles cannot be level: {np.abs(residuals[:6]).max():.3f} rad off"
-            findings.append(Finding("wrong", self._stuck(), text, "the nearest posture is proposed"))
+            stuck, needs = self._stuck(), self._needs([knee for knee, _, _ in knees])
+            text = f"the soles cannot be level: {np.abs(residuals[:6]).max():.3f} rad off{needs}"
+            unmet = Finding("wrong", stuck, text, "the nearest posture is proposed")
         elif np.abs(residuals[6:11]).max() > self._config.residual:
             text = f"the soles cannot be below the CoM: {1e3 * np.abs(residuals[6:11]).max():.0f} mm off"
-            findings.append(Finding("wrong", self._stuck(), text, "the nearest posture is proposed"))
+            unmet = Finding("wrong", self._stuck(), text, "the nearest posture is proposed")
+        findings += [] if unmet is None else [unmet]
         self._forward()
         com = pin.centerOfMass(self._model, self._data, self._q)
         height = float(com[2] - np.mean([place.translation[2] for place in self._sole_places()]))
@@ -118,7 +121,7 @@ class PostureSolver:
             value = float(self._q[self._model.joints[j].idx_q])
             if abs(value) > _SMALL:
                 joints[self._skeleton.name(j)] = round(value, 4)
-        return Standing(joints, height, tuple(findings))
+        return Standing(joints, height, tuple(findings), unmet)
 
     def _taken(self, knees: list[Knee]) -> float:
         """Largest share of a knee's torque limit that standing on one leg takes [-]."""
@@ -249,11 +252,29 @@ class PostureSolver:
         result = least_squares(errors, guess, bounds=(self._lower[indices] - 1e-9, self._upper[indices] + 1e-9))
         self._q[indices] = np.clip(result.x, self._lower[indices], self._upper[indices])
 
+    def _at_limits(self) -> list[int]:
+        """Joints of the legs at their limits."""
+        joints = (*self._legs.left, *self._legs.right)
+        at = self._index(joints)
+        room = np.minimum(self._q[at] - self._lower[at], self._upper[at] - self._q[at])
+        return [joint for joint, left in zip(joints, room, strict=True) if left < 1e-3]
+
+    def _needs(self, knees: list[int]) -> str:
+        """Where the joints at their limits would be with as bent knees and level soles; empty without such a place."""
+        stuck, q, limits = self._at_limits(), self._q.copy(), (self._lower.copy(), self._upper.copy())
+        at = self._index(tuple(stuck))
+        self._lower[at], self._upper[at] = -np.pi, np.pi
+        level = np.abs(self._place_feet(knees, q[self._index(tuple(knees))].tolist())).max() < self._config.level
+        beyond = [
+            f"joint '{self._skeleton.name(joint)}' at {self._q[i]:.2f} of [{low:.2f}, {high:.2f}] rad"
+            for joint, i in zip(stuck, at, strict=True)
+            for low, high in [(self._model.lowerPositionLimit[i], self._model.upperPositionLimit[i])]
+            if not low <= self._q[i] <= high
+        ]
+        self._q[:], self._lower[:], self._upper[:] = q, *limits
+        return f"; level soles below the CoM need {', '.join(beyond)}" if level and beyond else ""
+
     def _stuck(self) -> str:
-        stuck = []
-        for j in (*self._legs.left, *self._legs.right):
-            i = int(self._model.joints[j].idx_q)
-            if min(self._q[i] - self._lower[i], self._upper[i] - self._q[i]) < 1e-3:
-                stuck.append(self._skeleton.name(j))
+        stuck = [self._skeleton.name(joint) for joint in self._at_limits()]
         ends = [self._skeleton.name(leg[-1]) for leg in self._legs.both]
         return named("joint", stuck or ends) + (" at the limit" if stuck else "")

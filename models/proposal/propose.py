@@ -128,6 +128,7 @@ class Proposal:
     mass: float  # total [kg]
     com_height: float  # above the soles in the posture 'stand' [m]
     leg_length: float  # from hip to ankle along the leg [m]
+    unmet: Finding | None = None  # why the posture 'stand' is none; also one of the findings
 
 
 def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | None = None) -> Proposal:
@@ -183,6 +184,7 @@ def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | 
         mass,
         standing.com_height,
         skeleton.reach(list(legs.left)),
+        standing.unmet,
     )
 
 

@@ -31,9 +31,9 @@ _UNSUPPORTED = ("prismatic", "planar")
 def repair_joints(robot: ET.Element, config: RepairConfig) -> list[Finding]:
     """Change joints in place so that ``models.urdf.check_urdf`` has no cause left to refuse them; returns the changes.
 
-    Mimic, prismatic and planar joints are fixed at zero; so is a joint without torque that moves next to nothing, such
-    as a finger. Any other joint without limits gets estimates. A floating joint at the root goes, with its massless
-    parent, since the loader adds the base itself.
+    Mimic, prismatic and planar joints are fixed at zero; so is a joint that moves nothing with a mass, and one without
+    torque that moves next to nothing, such as a finger. Any other joint without limits gets estimates. A floating joint
+    at the root goes, with its massless parent, since the loader adds the base itself.
     """
     findings = _unfloat(robot)
     mimics = [joint for joint in _moving(robot) if joint.find("mimic") is not None]
@@ -46,6 +46,9 @@ def repair_joints(robot: ET.Element, config: RepairConfig) -> list[Finding]:
         joint.set("type", "revolute")
         for key in ("lower", "upper"):
             child(joint, "limit").attrib.pop(key, None)
+    weights = masses(robot)
+    idle = [joint for joint in _moving(robot) if not any(weights[n] for n in links_below(robot, end(joint, "child")))]
+    findings += _fix(idle, "no link below it has mass")
     findings += _fill_torque(robot, config)
     joints = [joint for joint in _moving(robot) if _value(joint, "velocity") <= 0.0]
     remedy = f"{config.velocity:g} rad/s assumed: set velocity_limit"

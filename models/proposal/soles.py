@@ -19,6 +19,7 @@ from models.types import Matrix, Vector
 _WIDER = (1.0, 2.5, 5.0)  #: Factors on the band of points that belong to a sole, tried until they span an area
 _SAME_WAY = np.cos(np.radians(3.0))  #: Facets whose normals agree so well are one face
 _LEVEL = np.radians(2.0)  #: A face tilted by less than this at zero is level: meshes are coarse
+_AS_LARGE = 0.9  #: Part of the largest face's area from which another is as large [-]
 _GRID = 48  #: Places along the sole that the largest rectangle may begin and end at
 _DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -99,7 +100,8 @@ def _face(points: Matrix) -> Vector:
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     same = normals @ normals.T > _SAME_WAY
     sizes = np.where(normals[:, 2] < -0.5, same @ areas, 0.0)
-    mean = (areas * same[int(sizes.argmax())]) @ normals
+    alike = sizes >= _AS_LARGE * sizes.max()  # a cylinder has many: the most level one
+    mean = (areas * same[int(np.where(alike, normals[:, 2], np.inf).argmin())]) @ normals
     return np.asarray(mean / np.linalg.norm(mean))
 
 

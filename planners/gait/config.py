@@ -116,7 +116,8 @@ class SwingConfig:
     depth_max: Positive  #: How far below its target a late foot is lowered [m]
     speed_max: Positive  #: Largest mean horizontal speed by a step adjustment [m/s]
     acceleration_max: Positive  #: Largest acceleration along each axis that a step adjustment counts on [m/s^2]
-    speed_share: Positive  #: The same as a share of what the limits of the joints give the foot [-]
+    #: The same as a share of what the limits of the joints give the foot; of each joint's in a nominal step [-]
+    speed_share: Positive
     urgent_lead: NonNegative  #: By how much earlier an urgent step aims to touch down [s]
     freeze: Positive  #: Time before touchdown at which the target is frozen [s]
     edge: Positive  #: Least distance of the sole on a known foothold from an edge on its way there [m]

@@ -1,6 +1,7 @@
-r"""What the torques of a robot's legs allow: crouch and speed of the walk.
+r"""What the torques and speeds of a robot's legs allow: crouch and speed of the walk.
 
-In the nominal step of a pace the base is upright, and the CoM moves as that of the pendulum with its ZMP ``p`` at rest,
+In the nominal step of a pace the base is upright at the mean heading of the feet, and the CoM moves as that of the
+pendulum with its ZMP ``p`` at rest,
 
 .. math:: c(t) - p = \frac{b + a}{2} \frac{\cosh \omega t}{\cosh \omega T/2}
     + \frac{b - a}{2} \frac{\sinh \omega t}{\sinh \omega T/2}, \quad -T/2 \le t \le T/2
@@ -9,10 +10,14 @@ from a to b, half-way to the other foot before and after the step, at the height
 foot moves from 2 a to 2 b. Inverse dynamics with all forces of the ground on the stance foot gives the torques. The
 root of the mean square of each over its limit is the share that the step takes of that joint: what carries the weight
 counts whole, the ends of a swing, which arms and a slower foot make up for, little. Ankles do not count: their torque
-is the CoP's, which is kept where they hold it (``Foot.bearing``).
+is the CoP's, which is kept where they hold it (``Foot.bearing``), and a lifted foot may tip.
 
-Crouch and velocity limits are reduced until no joint is taken beyond ``torque_share``, but for what it takes to step on
-the spot without a crouch. Where that is more than a joint has, the robot does not walk at all.
+The root of the mean square of a joint's speed over its limit is another share. A joint that is too slow for its way
+leaves the foot behind its reference in heading or place, and the base with it.
+
+Crouch and velocity limits are reduced until no joint is taken beyond ``torque_share`` and ``swing.speed_share``, but
+for what it takes to step on the spot without a crouch. Where that is more than a joint's torque, the robot does not
+walk at all.
 """
 
 import math
@@ -60,7 +65,7 @@ class Step(NamedTuple):
 
 
 class StepLoads:
-    """Loads of the steps of one robot; ``part`` is that of the configured ``torque_share`` that counts as allowed."""
+    """Loads of the steps of one robot; ``part`` is that of the configured shares that counts as allowed."""
 
     def __init__(self, model: RobotModel, config: GaitConfig, part: float = 1.0) -> None:
         self._model, self._config, self._data = model, config, model.data()
@@ -73,20 +78,23 @@ class StepLoads:
         joints = {v for foot in model.feet for v in foot.chain_ids_v} - ankles
         self._joints = np.array(sorted(joints)) - JOINTS_V
 
-        #: Share of its torque limit that a step may take of each joint (n,) [-]
-        self.allowed = np.full(len(self._joints), part * config.torque_share)
+        count = len(self._joints)
+        #: Share that a step may take of the torque limit of each joint, then of its speed limit (2 n,) [-]
+        self.allowed = part * np.repeat([config.torque_share, config.swing.speed_share], count)
         on_the_spot = self.shares(STILL, pace_at(0.0, config.pace)._replace(crouch=0.0))
-        self.weak = bool(on_the_spot.max() > 1.0)  #: Whether the robot is too weak to step
+        self.weak = bool(on_the_spot[:count].max() > 1.0)  #: Whether the robot is too weak to step
         np.maximum(self.allowed, on_the_spot + _SLACK, out=self.allowed)
 
-    def excess(self, velocity: Velocity, pace: Pace | None = None) -> tuple[float, int]:
-        """Largest ratio of a joint's share to what is allowed, and that joint; arguments as for ``shares``."""
+    def excess(self, velocity: Velocity, pace: Pace | None = None) -> tuple[float, str]:
+        """Largest ratio of a share to what is allowed, and the joint with its limit; arguments as for ``shares``."""
         ratios = self.shares(velocity, pace) / self.allowed
-        worst = int(ratios.argmax())
-        return float(ratios[worst]), int(self._joints[worst])
+        worst, model = int(ratios.argmax()), self._model
+        fast, joint = worst >= len(self._joints), self._joints[worst % len(self._joints)]
+        limit = f"{model.v_max[joint]:.3g} rad/s" if fast else f"{model.tau_max[joint]:.3g} N.m"
+        return float(ratios[worst]), f"joint '{model.joint_names[joint]}' of {limit}"
 
     def shares(self, velocity: Velocity, pace: Pace | None = None) -> Vector:
-        """Share of each joint in the step at a velocity, and in the pace for it when None; see the module (n,) [-]."""
+        """Shares of torques, then speeds, in the step at a velocity, in the pace for it when None (2 n,) [-]."""
         return self._shares(
             self._step(velocity, pace or pace_at(share_of(velocity, self._config.pace), self._config.pace))
         )
@@ -108,7 +116,7 @@ class StepLoads:
         try:
             postures = self._postures(step, times)
         except RobotModelError:
-            return np.full(len(self._joints), math.inf)
+            return np.full(2 * len(self._joints), math.inf)
         model, data, sole = self._model.pin, self._data, self._model.feet[0].frame_id
         dt, squares = float(times[1] - times[0]), np.zeros(len(self._joints))
         rates = [pin.difference(model, *pair) / dt for pair in pairwise(postures)]
@@ -120,7 +128,9 @@ class StepLoads:
             wrench = np.linalg.solve(jacobian[:, :JOINTS_V].T, force[:JOINTS_V])
             torques = (force - jacobian.T @ wrench)[JOINTS_V:]
             squares += (torques / self._model.tau_max)[self._joints] ** 2 / len(rates[1:])
-        return np.sqrt(squares)
+        speeds = np.array(rates)[:, JOINTS_V:][:, self._joints] / self._model.v_max[self._joints]
+        shares: Vector = np.sqrt(np.concatenate([squares, np.mean(speeds**2, axis=0)]))
+        return shares
 
     def _postures(self, step: Step, times: Vector) -> list[Vector]:
         """Configurations at times from the middle of a step."""
@@ -134,22 +144,23 @@ class StepLoads:
             mean, way = 0.5 * (last + first), 0.5 * (last - first)
             place = zmp + mean * math.cosh(omega * t) / math.cosh(end) + way * math.sinh(omega * t) / math.sinh(end)
             height = self._com[2] - step.drop + step.rise * math.cos(2.0 * math.pi * t / pace.period)
-            q, yaw = postures[-1].copy(), pin.exp3(np.array([0.0, 0.0, step.turn * t / pace.single]))
+            swing, share = self._swing(step, t / pace.single + 0.5)
+            q, yaw = postures[-1].copy(), pin.exp3(np.array([0.0, 0.0, step.turn * (share - 0.5)]))
             q[3:7] = pin.Quaternion(yaw @ self._upright).coeffs()
             q[:3] = np.array([*place, height]) + yaw @ (self._stand[:3] - self._com)
             q = pose_foot(model, self._data, q, foot, self._soles[0])
-            swing = self._swing(step, t / pace.single + 0.5)
             postures.append(pose_foot(model, self._data, q, model.feet[1], swing))
         return postures[1:]
 
-    def _swing(self, step: Step, s: float) -> pin.SE3:
-        """Pose of the swing foot at a share of its time."""
+    def _swing(self, step: Step, s: float) -> tuple[pin.SE3, float]:
+        """Pose of the swing foot at a share of its time, and share of its way."""
         (first, last), effort = np.array(step.ends), step.pace.least_effort
         way = effort * s**2 * (3.0 - 2.0 * s) + (1.0 - effort) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         place = self._soles[0].translation[:2] + 2.0 * (first + way * (last - first))
         lift = step.pace.clearance * math.sin(math.pi * s) ** 2
         yaw = pin.exp3(np.array([0.0, 0.0, step.turn * (2.0 * way - 1.0)]))
-        return pin.SE3(yaw @ self._soles[1].rotation, np.array([*place, self._soles[1].translation[2] + lift]))
+        place = np.array([*place, self._soles[1].translation[2] + lift])
+        return pin.SE3(yaw @ self._soles[1].rotation, place), way
 
 
 def within_torques(model: RobotModel, config: GaitConfig) -> GaitConfig:
@@ -196,11 +207,7 @@ def torque_limits(model: RobotModel, config: GaitConfig) -> dict[str, str]:
     for name, (forward, left, turn) in _WAYS.items():
         speed = _BEYOND * float(getattr(config.velocity, name))
         tried[name] = loads.excess((speed * forward, speed * left, speed * turn))
-    found = {
-        name: f"joint '{model.joint_names[joint]}' of {model.tau_max[joint]:.3g} N.m"
-        for name, (excess, joint) in tried.items()
-        if excess > 1.0
-    }
+    found = {name: limit for name, (excess, limit) in tried.items() if excess > 1.0}
     if any(foot.free[NORMAL] for foot in model.feet):
         found["turn"] = "the legs, which do not turn their soles about the vertical"
     return found

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from msgspec import structs
 
@@ -11,7 +12,7 @@ from controllers.whole_body.config import WholeBodyConfig
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
-from models.types import Reference, RobotState
+from models.types import ContactState, Reference, RobotState
 from planners.gait.planner import GaitPlanner
 from tests.support import standing
 
@@ -195,3 +196,20 @@ def test_a_sole_is_loaded_in_the_middle_of_what_bears(case: tuple[BalanceControl
         x_min, x_max, y_min, y_max = areas[foot]
         cop = np.array([-target[foot, 4], target[foot, 3]]) / target[foot, 2]
         np.testing.assert_allclose(cop, [0.5 * (x_min + x_max), 0.5 * (y_min + y_max)])
+
+
+def test_a_drift_of_the_estimate_does_not_move_a_standing_robot() -> None:
+    """A new heading of an estimate 5 m from its origin moves robot and soles in W, and the commanded CMP as much."""
+    model = RobotModel.load("g1")
+    foot = ContactState(True, np.array([0.0, 0.0, 0.5 * model.mass * GRAVITY, 0.0, 0.0, 0.0]))
+    state = structs.replace(standing(model), contacts=(foot, foot))
+    controller = BalanceController(model)
+    controller.reset(state)
+    before = controller.step(state, 0.001)
+    drift = pin.SE3(pin.exp3(np.array([0.0, 0.0, 0.01])), np.array([0.02, 0.03, 0.0]))
+    drift = pin.SE3(np.eye(3), np.array([5.0, 0.0, 0.0])) * drift * pin.SE3(np.eye(3), np.array([-5.0, 0.0, 0.0]))
+    q = state.q.copy()
+    q[:7] = pin.SE3ToXYZQUAT(drift * pin.XYZQUATToSE3(q[:7]))
+    after = controller.step(structs.replace(state, q=q), 0.001)
+    assert after.zmp == pytest.approx((drift * np.array([*before.zmp, 0.0]))[:2], abs=1e-5)
+    assert after.command.tau == pytest.approx(before.command.tau, abs=0.05)

@@ -257,4 +257,13 @@ def test_wrong_limits_of_a_robot_are_reported() -> None:
     )
     assert any("no shape below joint 'LLEG_ANKLE_R'" in text for text in findings(proposal, "l_ankle"))
     assert any("a placeholder" in text for text in findings(proposal, "LLEG_LINK1"))
-    assert any("the soles cannot be level" in text for text in findings(proposal, "RLEG_ANKLE_P"))
+    assert proposal.unmet in proposal.findings and proposal.unmet is not None
+    assert proposal.unmet.culprit == "joint 'RLEG_ANKLE_P' at the limit"
+    assert "need joint 'RLEG_ANKLE_P' at -0.09 of [0.00, 2.62] rad" in proposal.unmet.fault
+
+
+def test_grippers_without_mass_are_fixed_and_a_round_foot_stands_level() -> None:
+    """Romeo of LAAS: its meshes are missing, so that a cylinder is what remains of a foot."""
+    proposal = propose(ROBOTS / "romeo_description/urdf/romeo_laas_small.urdf")
+    assert any("no link below it has mass" in text for text in findings(proposal, "l_gripper_joint"))
+    assert "l_gripper_joint" not in proposal.profile.joints and proposal.unmet is None

@@ -120,3 +120,19 @@ def test_mirrored_velocities_take_as_much(g1: RobotModel) -> None:
     loads = StepLoads(g1, load_gait_config(g1))
     left, right = (loads.shares((0.0, sign * 0.2, 0.0)) for sign in (1.0, -1.0))
     np.testing.assert_allclose(left, right)
+
+
+def test_slow_hips_limit_the_turn(tmp_path: Path) -> None:
+    """Each hip turns by w T in the single support T_s, along a cubic with the mean square (6 / 5) (w T / T_s)^2."""
+    proposal = propose(Humanoid().write(tmp_path))
+    joints = dict(proposal.profile.joints)
+    for side in ("left", "right"):
+        joints[f"{side}_hip_yaw"] = replace(joints[f"{side}_hip_yaw"], velocity_limit=0.4)
+    slow = replace(proposal, profile=replace(proposal.profile, joints=joints))
+    model = RobotModel.load(write_proposal(slow, tmp_path / "slow.yaml")[0])
+    config = load_gait_config(model)
+    pace = pace_at(0.0, config.pace)
+    turn = config.swing.speed_share * 0.4 * pace.single / (pace.period * np.sqrt(1.2))
+    assert config.velocity.turn == pytest.approx(turn, rel=0.03)
+    assert "hip_yaw' of 0.4 rad/s" in torque_limits(model, config)["turn"]
+    assert config.velocity.forward > 1.2
