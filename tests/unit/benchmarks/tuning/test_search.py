@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from benchmarks.core import executors
 from benchmarks.core.executors import Done, InProcess
 from benchmarks.core.harness import Case, Options, Sweep
 from benchmarks.core.results import ResultsFile
@@ -93,6 +95,12 @@ def test_what_the_race_leaves_out_moves_the_mean_nowhere_else() -> None:
             return last.parameters, last.measured
 
         assert ended(1)[0] == ended(8)[0] and ended(1)[1] <= ended(8)[1]
+
+
+@pytest.fixture(autouse=True)
+def uncollected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No garbage collection before each of the thousands of cases, which takes half a second after other tests."""
+    monkeypatch.setattr(executors, "gc", SimpleNamespace(collect=lambda: None))
 
 
 class Shuffled(InProcess):
