@@ -160,7 +160,7 @@ def test_a_remote_controller_that_sends_events_alone_may_be_silent_for_longer() 
 
 
 def test_a_robot_that_is_lowered_sinks_and_ends_in_its_own_damping(profiles: tuple[Path, Path], tmp_path: Path) -> None:
-    """It ends lying at 0.12 to 0.30 of the height, or propped on its limbs at 0.39: by chance, three of seeds 0 to 4."""
+    """It ends lying at 0.12 to 0.30 of the height, or propped on its limbs at 0.39: three of seeds 0 to 4."""
     standing = started(BoosterLoop(tmp_path / "marker", laws=profiles[1], robot=profiles[0], seed=3))
     ending, height = default_config(EndConfig, "bridge", "ending"), standing.side.base[2]
     standing.command(ending.motion)
