@@ -81,7 +81,8 @@ class KeyLaw:
     """A velocity that keys change by steps, within the limits of the gait."""
 
     def __init__(self, config: TeleopConfig, limits: Mapping[Axis, tuple[float, float]]) -> None:
-        self._config, self._limits = config, limits
+        self._config = config
+        self._ranges = {axis: (*limits[axis], step) for axis, step in config.steps.items()}
         self._steps: dict[Axis, int] = dict.fromkeys(config.steps, 0)
         self._pressed = 0.0
 
@@ -95,7 +96,7 @@ class KeyLaw:
                 self.halt()
             return meaning
         axis, sign = _MOVES[meaning]
-        if self._within(axis, self._steps[axis] + sign):
+        if not self._at_limit(axis, sign):
             self._steps[axis] += sign
         return ""
 
@@ -107,13 +108,14 @@ class KeyLaw:
         """Forward [m/s], left [m/s], turn [rad/s] at a time [s]."""
         if now - self._pressed > self._config.idle:
             self.halt()
-        size = {axis: self._steps[axis] * step for axis, step in self._config.steps.items()}
+        size = {axis: min(max(self._steps[axis] * step, low), high) for axis, (low, high, step) in self._ranges.items()}
         return size["forward"], size["left"], size["turn"]
 
-    def _within(self, axis: Axis, steps: int) -> bool:
-        low, high = self._limits[axis]
-        slack = SLACK * self._config.steps[axis]
-        return low - slack <= steps * self._config.steps[axis] <= high + slack
+    def _at_limit(self, axis: Axis, sign: int) -> bool:
+        """Whether the last step in a direction has come to the limit; it may be a shorter one."""
+        low, high, step = self._ranges[axis]
+        value, slack = self._steps[axis] * step, SLACK * step
+        return value >= high - slack if sign > 0 else value <= low + slack
 
 
 @contextmanager
