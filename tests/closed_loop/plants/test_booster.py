@@ -160,16 +160,16 @@ def test_a_remote_controller_that_sends_events_alone_may_be_silent_for_longer() 
 
 
 def test_a_robot_that_is_lowered_sinks_and_ends_in_its_own_damping(profiles: tuple[Path, Path], tmp_path: Path) -> None:
-    """It ends lying at 0.12 to 0.30 of the height, or propped on its limbs at 0.39: three of seeds 0 to 4."""
-    standing = started(BoosterLoop(tmp_path / "marker", laws=profiles[1], robot=profiles[0], seed=3))
-    ending, height = default_config(EndConfig, "bridge", "ending"), standing.side.base[2]
+    """Seeds 0 and 1 end lying at 0.12 and 0.16 of the height, seeds 2 to 4 propped on their limbs at 0.39."""
+    standing = started(BoosterLoop(tmp_path / "marker", laws=profiles[1], robot=profiles[0], seed=1))
+    ending, height = default_config(EndConfig, "bridge", "ending"), standing.robot.standing_configuration()[2]
     standing.command(ending.motion)
     standing.run(5.0)
-    assert standing.startup.state is StartState.STAND and height - standing.side.base[2] > 0.3
+    assert standing.startup.state is StartState.STAND and standing.side.base[2] < 0.6 * height
     standing.drivers.relax()
     standing.run(standing.startup.config.relax_time + ending.sink_time)
     assert standing.startup.state is StartState.DAMPED and "lowered" in standing.startup.reason
-    assert standing.side.base[2] < 0.4 * height and damping(standing)
+    assert standing.side.base[2] < 0.3 * height and damping(standing)
     standing.plant.close()
     assert standing.side.mode == DAMPING
 

@@ -12,16 +12,17 @@ from benchmarks.core.harness import Case
 from benchmarks.stability.push import PushMode
 from benchmarks.stability.terrain import Condition, loop_under
 from benchmarks.tuning import scenarios
-from benchmarks.tuning.config import Kind, TuneConfig, load_tune_config
+from benchmarks.tuning.config import Kind, load_tune_config
 from benchmarks.tuning.scenarios import draw, sector_name, trial
 from bridge.plants.deviation import Deviation
 from models.config import parse_config
 from models.robot_model import RobotModel
 from models.terrain import Terrain
 from models.types import Mode
+from tests.searches import SMALL
 
-CONFIG = TuneConfig(
-    parameters={"gait.step_share": (0.7, 1.0), "balance.dcm_gain": (3.0, 8.0)},
+CONFIG = replace(
+    SMALL,
     scenarios={
         "step": Kind(PushMode.STEP, (0.4, 1.2)),
         "late": Kind(PushMode.WALK, (0.2, 1.0), (0.2, 0.6), payload=(0.0, 0.1), delay=(0.001, 0.01), mass=(0.9, 1.1),
@@ -29,15 +30,7 @@ CONFIG = TuneConfig(
         "tiles": Kind(tiles=(0.02, 0.05), count=3),
         "slope": Kind(slope=(0.05, 0.2), friction=(0.3, 0.6)),
     },
-    directions=4,
     generations=5,
-    population=6,
-    block=2,
-    spread=0.3,
-    tail=0.5,
-    seed=500,
-    judged=2,
-    tolerance=0.02,
     held_out={"downhill": Kind(PushMode.WALK, (0.2, 0.4), slope=(0.05, 0.1))},
 )  # fmt: skip
 PARAMETERS = {"gait.step_share": 0.85, "balance.dcm_gain": 4.5}

@@ -16,10 +16,9 @@ from benchmarks.core import executors
 from benchmarks.core.executors import Done, InProcess
 from benchmarks.core.harness import Case, Options, Sweep
 from benchmarks.core.results import ResultsFile
-from benchmarks.stability.push import PushMode
 from benchmarks.tuning import tune
 from benchmarks.tuning.cli import app
-from benchmarks.tuning.config import Kind, Parameters, TuneConfig, load_tune_config, present
+from benchmarks.tuning.config import Parameters, load_tune_config, present
 from benchmarks.tuning.race import Raced, race
 from benchmarks.tuning.report import verdict
 from benchmarks.tuning.tune import Tuned
@@ -27,23 +26,10 @@ from controllers.whole_body.config import load_balance_config
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from planners.gait.scaling import load_gait_config
+from tests.searches import SMALL as CONFIG
 
 pytest.importorskip("cmaes")
 
-CONFIG = TuneConfig(
-    parameters={"gait.step_share": (0.7, 1.0), "balance.dcm_gain": (3.0, 8.0)},
-    scenarios={"step": Kind(PushMode.STEP, (0.4, 1.2)), "slope": Kind(slope=(0.05, 0.2))},
-    directions=4,
-    generations=12,
-    population=6,
-    block=2,
-    spread=0.3,
-    tail=0.5,
-    seed=500,
-    judged=2,
-    tolerance=0.02,
-    held_out={"tiles": Kind(tiles=(0.01, 0.05))},
-)
 START = {"gait.step_share": 0.9, "balance.dcm_gain": 5.0}
 BEST = {"gait.step_share": 0.8, "balance.dcm_gain": 6.5}
 JUDGING = 2 * (2 * 8 + 2)  # scenarios, before and after
