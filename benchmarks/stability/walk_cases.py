@@ -7,6 +7,7 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import settings
@@ -27,9 +28,9 @@ from planners.gait.scaling import load_gait_config
 
 @dataclass(frozen=True, slots=True)
 class Walked:
-    """A measured walk."""
+    """A measured walk, of the CoM: a base beside it goes round it while the robot turns in place."""
 
-    velocities: Matrix  #: Mean body velocity of each chunk, in the heading of that moment (n, 3) [m/s, m/s, rad/s]
+    velocities: Matrix  #: Mean velocity of each chunk, in the heading of that moment (n, 3) [m/s, m/s, rad/s]
     distance: float  #: Length of the path [m]
     energy: float  #: Mechanical work of the joints, braking counted as positive [J]
 
@@ -45,20 +46,24 @@ class Walked:
 def watch(loop: ClosedLoop, duration: float, chunk: float) -> Walked:
     """Measure a walk for ``duration`` [s] or until a fall, every ``chunk`` [s]; the loop's log gives the power."""
     velocities, distance, energy = [], 0.0, 0.0
-    end = loop.t + duration
-    before = loop.truth.q[:7].copy()
+    end, model, data = loop.t + duration, loop.robot.pin, loop.robot.data()
+
+    def place() -> tuple[Vector, float]:
+        q = loop.truth.q
+        return pin.centerOfMass(model, data, q)[:2].copy(), heading(*q[3:7])
+
+    start, first = place()
     while loop.t < end - 1e-9 and not loop.fallen:  # 1e-9: rounding of the simulated time
         rows = len(loop.log)
         loop.run(chunk)
-        now = loop.truth.q[:7].copy()
-        first, last = heading(*before[3:]), heading(*now[3:])
+        now, last = place()
         turn = (last - first + math.pi) % (2.0 * math.pi) - math.pi
-        moved = now[:2] - before[:2]
+        moved = now - start
         velocities.append(np.array([*turned(moved, -(first + 0.5 * turn)), turn]) / chunk)
         distance += math.hypot(*moved)
         power = np.abs(loop.log.tau[rows:] * loop.log.true_v[rows:, 6:]).sum(axis=1)  # (n,)
         energy += float(power.mean()) * chunk
-        before = now
+        start, first = now, last
     return Walked(np.array(velocities).reshape(-1, 3), distance, energy)
 
 

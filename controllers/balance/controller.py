@@ -132,7 +132,7 @@ class BalanceController:
             posture.frames,
             self.whole_body.builder.edges,
             np.array([corners_of(area) for area in self.whole_body.areas]),
-            *(np.zeros(shape) for shape in ((8,), (2, 3, 3), (2, 3), (2, 3), (3, 3), (3,), (3,))),
+            *(np.zeros(shape) for shape in ((8,), (2, 3, 3), (2, 3), (2, 4), (3, 3), (3,), (3,))),
             *(np.zeros(shape) for shape in ((3,), (3, 3), (3, 3), (2,), (2,), (3,))),
         )
         self._unboxed = unbox(arrays)

@@ -11,10 +11,11 @@ from controllers.qp.contacts import Edges
 from controllers.qp.terms import follow_pose
 from controllers.whole_body.config import CoMGains, DcmFeedback
 from models.constants import COM_HEIGHT_MIN, GRAVITY
-from models.numerics.compiled import njit
+from models.numerics.compiled import njit, register_jitable
 from models.numerics.hull import convex_hull
 from models.numerics.unboxed import Unboxed
 from models.tree import KinematicTree, TreeFrames
+from planners.gait.footsteps import Place, Point, common_motion, point_at, rotated
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ class BalanceArrays(NamedTuple):
     gains: Array  #: Of ``feedback_gains``, then the largest shift of the CMP [m] (8,)
     rotations: Array  #: Of the footholds (2, 3, 3)
     positions: Array  #: Of the footholds (2, 3)
-    seen: Array  #: x, y [m] and heading [rad] of the soles in the last tick (2, 3)
+    seen: Array  #: x, y [m], heading [rad] and height [m] of the soles in the last tick (2, 4)
     anchor_rotation: Array  #: See ``_move_footholds`` (3, 3)
     anchor: Array  #: See ``_move_footholds`` (3,)
     apart: Array  #: From the right to the left sole in 'stand', in the anchor frame (3,)
@@ -99,37 +100,30 @@ def standing_reference(
     reference[8, 2] = height
 
 
+@register_jitable
+def _place(pose: Array) -> Place:
+    return pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0]), pose[2, 3]
+
+
 @njit(cache=True)
 def _note_soles(arrays: BalanceArrays) -> None:
     for foot in range(2):
-        pose = arrays.poses[foot]
-        arrays.seen[foot] = pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])
+        arrays.seen[foot] = _place(arrays.poses[foot])
 
 
 @njit(cache=True)
-def _drift(arrays: BalanceArrays, loads: tuple[float, float]) -> None:
-    """Move the footholds as the soles have moved together in W since the last tick, weighted by ``loads`` [N].
-
-    Place and heading, which the estimator cannot observe, drift for references and measurements alike.
-    """
-    total, centre, way, turn = loads[0] + loads[1], np.zeros(2), np.zeros(2), 0.0
-    if total <= 0.0:
-        return
-    for foot in range(2):
-        pose, seen, weight = arrays.poses[foot], arrays.seen[foot], loads[foot] / total
-        for i in range(2):
-            centre[i] += weight * seen[i]
-            way[i] += weight * (pose[i, 3] - seen[i])
-        angle = np.arctan2(pose[1, 0], pose[0, 0]) - seen[2]
-        turn += weight * np.arctan2(np.sin(angle), np.cos(angle))
-    c, s = np.cos(turn), np.sin(turn)
+def _drift(arrays: BalanceArrays, loads: Point) -> None:
+    """Move the footholds with the ``common_motion`` of the soles in W since the last tick, weighted by loads [N]."""
+    seen = arrays.seen
+    before = (seen[0, 0], seen[0, 1], seen[0, 2], seen[0, 3]), (seen[1, 0], seen[1, 1], seen[1, 2], seen[1, 3])
+    after = _place(arrays.poses[0]), _place(arrays.poses[1])
+    (x, y), (way_x, way_y, turn) = common_motion(before, after, loads, 0.0)
     for foot in range(2):
         place, rotation = arrays.positions[foot], arrays.rotations[foot]
-        x, y = place[0] - centre[0], place[1] - centre[1]
-        place[0], place[1] = centre[0] + way[0] + c * x - s * y, centre[1] + way[1] + s * x + c * y
+        ahead, left = place[0] - x, place[1] - y
+        place[0], place[1] = point_at(x + way_x, y + way_y, turn, ahead, left)
         for j in range(3):
-            x, y = rotation[0, j], rotation[1, j]
-            rotation[0, j], rotation[1, j] = c * x - s * y, s * x + c * y
+            rotation[0, j], rotation[1, j] = rotated(turn, rotation[0, j], rotation[1, j])
 
 
 @njit(cache=True)

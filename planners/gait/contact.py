@@ -19,6 +19,7 @@ from planners.gait.footsteps import (
     Place,
     Point,
     Pose,
+    common_motion,
     mean_heading,
     middle,
     point_at,
@@ -188,8 +189,7 @@ class Soles:
     ) -> tuple[SoleState, Point]:
         """One tick: footholds move with the drift; planted ones, and their slopes, approach the loaded soles.
 
-        The drift is the motion of the loaded soles since the last tick, weighted by load, in W [m]; it is returned too.
-        Position and heading, which the estimator cannot observe, drift for references and measurements alike.
+        The drift in W [m] is the ``common_motion`` of the loaded soles since the last tick; it is returned too.
         ``swinging`` is None in double support; ``landed`` is the foot that has just landed and settles on the ground.
         """
         (old_left, old_right), (left, right), (hold_left, hold_right) = soles.measured, measured.soles, soles.holds
@@ -224,19 +224,14 @@ def _follow(
     tilts: Matrix,
 ) -> tuple[Place, Place, Point]:
     """``Soles.followed`` from the last and present poses of the soles; moves ``tilts`` towards ``slopes`` (2, 2)."""
-    anchor, x, y, total = limits.record, 0.0, 0.0, 0.0
-    for foot in range(2):
-        load = loads[foot]
-        if foot != swinging and load >= anchor.load:
-            x, y = x + load * (new[foot][0] - old[foot][0]), y + load * (new[foot][1] - old[foot][1])
-            total += load
-    if total > 0.0:
-        x, y = x / total, y / total
+    anchor = limits.record
+    planted = (0.0 if swinging == 0 else loads[0], 0.0 if swinging == 1 else loads[1])
+    _, (x, y, _) = common_motion(old, new, planted, anchor.load)
     share, after = min(dt / anchor.time, 1.0), np.empty((2, 4))
     for foot in range(2):
         hold, sole = holds[foot], new[foot]
         at_x, at_y, yaw, z = hold[0] + x, hold[1] + y, hold[2], hold[3]
-        if foot != swinging and loads[foot] >= anchor.load:
+        if planted[foot] >= anchor.load:
             at_x, at_y = at_x + share * (sole[0] - at_x), at_y + share * (sole[1] - at_y)
             yaw, z = yaw + share * wrap(sole[2] - yaw), z + share * (sole[3] - z)
             way = min(dt / (anchor.settle_time if foot == landed else anchor.slope_time), 1.0)

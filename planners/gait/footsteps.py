@@ -78,6 +78,28 @@ def mean_heading(first: float, second: float) -> float:
     return wrap(yaw)
 
 
+@register_jitable
+def common_motion(
+    before: tuple[Place, Place], after: tuple[Place, Place], loads: Point, least: float
+) -> tuple[Point, Pose]:
+    """Planar motion that the soles which bear at least a load have in common, and the point about which they turn.
+
+    It is weighted by load; zero without such a sole. Place and heading, which the estimator cannot observe, drift for
+    references and measurements alike: soles on the floor seem to move together.
+    """
+    x, y, way_x, way_y, turn, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for foot in range(2):
+        old, new, load = before[foot], after[foot], loads[foot]
+        if load >= least and load > 0.0:
+            x, y = x + load * old[0], y + load * old[1]
+            way_x, way_y = way_x + load * (new[0] - old[0]), way_y + load * (new[1] - old[1])
+            turn += load * wrap(new[2] - old[2])
+            total += load
+    if total == 0.0:
+        return (0.0, 0.0), (0.0, 0.0, 0.0)
+    return (x / total, y / total), (way_x / total, way_y / total, turn / total)
+
+
 class Foothold(Struct, frozen=True):
     """Pose of a sole on the floor in W: x, y, height z of the floor [m], heading yaw [rad]."""
 
