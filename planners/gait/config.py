@@ -99,10 +99,10 @@ class VelocityConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SpeedConfig:
-    """How steps are corrected that fall short of a velocity; see ``speed.py``."""
+    """How steps are corrected that miss a velocity; see ``speed.py``."""
 
-    gain: Share  #: Of the last stride's error in the factor [-]
-    most: Share  #: By which a factor differs from one at most [-]
+    gain: Share  #: Of the last stride's error in what the next ones are corrected by [-]
+    most: Share  #: Largest correction by each component, in parts of the speeds of ``pace`` [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

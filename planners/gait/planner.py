@@ -474,7 +474,8 @@ class GaitPlanner:
         going_on = not command.route.steps and command.steps_left is None
         if going_on and not step.urgent and gait.soles.roughness == 0.0:
             middle, period = (0.0, -0.5 * side_of(foot) * config.reach.width), gait.early + step.double + gait.elapsed
-            trim = command.trim.landed(command.velocity, step.liftoff, reached, middle, period, config.speed)
+            laws = config.speed, config.pace
+            trim = command.trim.landed(command.velocity, step.liftoff, reached, middle, period, *laws)
         gait.command = structs.replace(command, trim=trim)
 
     def _lies_flat(self, foot: int) -> bool:

@@ -15,6 +15,8 @@ from planners.gait.scaling import load_gait_config
 from planners.gait.speed import SpeedTrim
 
 SHARES = np.linspace(0.0, 1.0, 201)
+CONFIG = default_config(GaitConfig, "planners", "gait")
+PACE = CONFIG.pace
 SPEED = SpeedConfig(gain=0.2, most=0.15)
 PERIOD = 0.4
 MIDDLE: Point = (0.0, -0.1)
@@ -87,7 +89,6 @@ def test_a_dcm_error_makes_the_gait_fast_at_once_and_it_calms_down_later(config:
     assert urgency_after(urgency, pace.alarm, dt, pace) == 1.0
 
 
-CONFIG = default_config(GaitConfig, "planners", "gait")
 HEIGHT, WIDTH = 0.65, CONFIG.reach.width
 
 
@@ -123,18 +124,22 @@ def test_the_share_of_a_sole_without_ground() -> None:
     assert lost_share(edge, half) == 1.0
 
 
-def walked(velocity: Velocity, share: float, strides: int, trim: SpeedTrim | None = None) -> SpeedTrim:
-    """After strides in which the body makes a share of the velocity that is asked for, along its arc."""
+def walked(
+    velocity: Velocity, share: float, strides: int, trim: SpeedTrim | None = None, drift: Velocity = (0.0, 0.0, 0.0)
+) -> SpeedTrim:
+    """After strides in which the body makes a share of the velocity that is asked for, and a drift, along its arc."""
     trim = trim or SpeedTrim()
     x, y, yaw = 0.3, -0.2, 0.5
     for _ in range(strides):
-        forward, left, turn = (share * part * 2.0 * PERIOD for part in trim.of(velocity))
+        forward, left, turn = (
+            (share * part + more) * 2.0 * PERIOD for part, more in zip(trim.of(velocity), drift, strict=True)
+        )
         before = sole_of(x, y, yaw)
         for _ in range(1000):  # along the arc
             x += 0.001 * (math.cos(yaw) * forward - math.sin(yaw) * left)
             y += 0.001 * (math.sin(yaw) * forward + math.cos(yaw) * left)
             yaw += 0.001 * turn
-        trim = trim.landed(velocity, before, sole_of(x, y, yaw), MIDDLE, PERIOD, SPEED)
+        trim = trim.landed(velocity, before, sole_of(x, y, yaw), MIDDLE, PERIOD, SPEED, PACE)
     return trim
 
 
@@ -153,16 +158,33 @@ def test_what_steps_fall_short_by_is_asked_for(velocity: Velocity) -> None:
 
 
 def test_a_walk_that_makes_its_velocity_is_left_alone() -> None:
-    assert walked((0.4, 0.0, 0.5), 1.0, 20).factors == pytest.approx((1.0, 1.0, 1.0), abs=1e-3)
+    velocity = 0.4, 0.0, 0.5
+    assert walked(velocity, 1.0, 20).of(velocity) == pytest.approx(velocity, abs=1e-3)
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 0.2, 0.0), (0.5, 0.0, 0.0), (0.0, 0.0, -0.4)])
+def test_a_walk_that_goes_to_the_side_of_its_velocity_is_brought_back(velocity: Velocity) -> None:
+    drift = 0.01, -0.004, 0.02
+    asked = walked(velocity, 0.97, 60, drift=drift).of(velocity)
+    made = [0.97 * part + more for part, more in zip(asked, drift, strict=True)]
+    assert made == pytest.approx(velocity, abs=2e-3)
 
 
 @pytest.mark.parametrize("share", [0.5, 2.0])
 def test_a_walk_that_is_held_is_not_driven_on_without_bound(share: float) -> None:
-    assert abs(walked((0.4, 0.0, 0.0), share, 60).factors[0] - 1.0) == pytest.approx(SPEED.most)
+    asked = walked((0.4, 0.0, 0.0), share, 60).of((0.4, 0.0, 0.0))
+    assert abs(asked[0] / 0.4 - 1.0) == pytest.approx(SPEED.most)
 
 
 def test_a_stride_at_two_velocities_does_not_count() -> None:
     trim = walked((0.4, 0.0, 0.0), 0.9, 1)
-    assert trim.factors == (1.0, 1.0, 1.0)
-    assert walked((0.5, 0.0, 0.0), 0.9, 1, trim).factors == (1.0, 1.0, 1.0)
-    assert walked((0.4, 0.0, 0.0), 0.9, 1, trim).factors[0] > 1.0
+    assert trim.matrix == SpeedTrim().matrix
+    assert walked((0.5, 0.0, 0.0), 0.9, 1, trim).matrix == SpeedTrim().matrix
+    assert walked((0.4, 0.0, 0.0), 0.9, 1, trim).matrix[0][0] > 0.0
+
+
+def test_one_step_far_off_hardly_counts() -> None:
+    """A step after a push, to the side: the walk goes on nearly as commanded."""
+    velocity = 0.4, 0.0, 0.0
+    asked = walked(velocity, 1.0, 2, drift=(0.0, 0.2, 0.0)).of(velocity)
+    assert abs(asked[1]) <= SPEED.gain * SPEED.most * 0.4 * PACE.lateral / PACE.forward + 1e-9
