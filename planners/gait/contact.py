@@ -80,6 +80,10 @@ class Soles:
         """ZMP point of a foot on a foothold, in W (2,) [m]."""
         return np.array(hold.moved(*self._points[foot]))
 
+    def stance_point(self, soles: SoleState, stance: int) -> Vector:
+        """ZMP point of the stance foot (2,) [m]."""
+        return self.point_of(stance, soles.holds[stance])
+
     def middle(self, holds: Feet) -> Vector:
         """Half-way between the middles of both soles (2,) [m]."""
         left, right = (hold.moved(*centre) for hold, centre in zip(holds, self.centres.tolist(), strict=True))

@@ -106,6 +106,11 @@ class FootingState(Struct, frozen=True):
     block: Matrix  # a ``SoleRotation``, see ``_views`` (2, 13)
     areas: Matrix  # its rectangles in steps of ``grain`` (2, 4) [m]
 
+    def lies_flat(self, foot: int) -> bool:
+        """Whether a planted sole bears on an area, not on an edge."""
+        x_min, x_max, y_min, y_max = self.areas[foot].tolist()
+        return bool(x_min < x_max and y_min < y_max)
+
 
 class Footing:
     """Determines the rectangle of each sole that has ground under it.

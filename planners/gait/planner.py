@@ -8,30 +8,27 @@ from functools import cached_property
 import numpy as np
 from msgspec import structs
 
-from models.constants import COM_HEIGHT_MIN, GRAVITY
+from models.constants import GRAVITY
 from models.errors import CommandError
-from models.numerics.unboxed import Unboxed, unbox
+from models.numerics.unboxed import Unboxed
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState, Vector, Velocity
-from planners.gait.adjustment import PlannedStep, StepPlanner, Walk
 from planners.gait.ankle import AnkleStops
 from planners.gait.commands import Commands, CommandState, exceeded
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneDetector, Soles
-from planners.gait.dcm import DcmState, double_support, single_support
+from planners.gait.dcm import DcmState, double_support
 from planners.gait.footing import FLAT, Footing
-from planners.gait.footsteps import Feet, Foothold, Point, clamped, replaced, side_of, wrap
+from planners.gait.footsteps import Feet, Foothold, replaced, side_of
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Ground, Measurement, filtered_dcm_rate
 from planners.gait.pace import longest_step, lost_share, pace_at, share_of, share_within, urgency_after
-from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
-from planners.gait.regions import Region, region_limits
 from planners.gait.route import Footstep, Route, soles_after
 from planners.gait.scaling import load_gait_config
+from planners.gait.single_support import SingleSupport, walk_of
 from planners.gait.speed import SpeedTrim
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
 from planners.gait.strength import torque_limits
-from planners.gait.swing import SwingFoot
 
 _STILL = np.zeros(2)  #: Rate of a DCM at rest [m/s]
 _ON_FLOOR = 0.01  #: Height of a sole above its foothold up to which it is on the floor [m]
@@ -47,7 +44,7 @@ class GaitPlanner:
     the DCM reference is the closed form that ends where the coming steps need it (``dcm.py``).
 
     ``state`` holds everything that the next tick depends on, beside its inputs. The laws of the other modules take its
-    parts and return new ones; only this class stores them. Construction compiles all kernels.
+    parts and return new ones; only this class and ``SingleSupport`` store them. Construction compiles all kernels.
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig | None = None) -> None:
@@ -56,15 +53,10 @@ class GaitPlanner:
         self._sensors = GaitMeasurement(model, config.footing.lie_angle)
         self._commands = Commands(config)
         self._soles = Soles(model, config)
-        self._swing = SwingFoot(config.swing)
-        lever = leg_lever(model)
         self._footing, self._stops = Footing(model, config.footing), AnkleStops(model, config.ankle)
-        leg = SwingLeg(self._swing.shape, lever, self._footing.edges)
-        self._leg = unbox(leg)
-        self._plan = StepPlanner(config, self._soles, leg)
+        self._single = SingleSupport(model, config, self._soles, self._footing.edges)
         self._builder = ReferenceBuilder(model, config)
         self._airborne = AirborneDetector(model, config.lift)
-        self._regions = region_limits(config.reach)
         self.state = self._warm_up()
 
     @property
@@ -112,7 +104,7 @@ class GaitPlanner:
     @property
     def view(self) -> GaitView:
         """Record for observers."""
-        omega = self._omega()
+        omega = self.state.omega
         return GaitView(self.state, self.state.measured.dcm(omega), omega, self._soles)
 
     @cached_property
@@ -199,7 +191,7 @@ class GaitPlanner:
         share = min(dt / self.config.push_filter, 1.0)
         states = before.com, before.com_velocity, measured.com, measured.com_velocity
         rate, gait.dcm_rate = gait.dcm_rate, np.empty(2)
-        filtered_dcm_rate(rate, *states, self._omega(), dt, share, gait.dcm_rate)
+        filtered_dcm_rate(rate, *states, gait.omega, dt, share, gait.dcm_rate)
         if rest is not None and gait.rest is not None and gait.phase is GaitPhase.STAND:  # a posture moves the CoM
             gait.body = structs.replace(gait.body, height=gait.body.height + rest.height - gait.rest.height)
         gait.rest = rest
@@ -227,7 +219,7 @@ class GaitPlanner:
         if gait.phase is not GaitPhase.SINGLE:
             cmp_offset = None
         elif cmp_offset is None:  # the foot has just lifted
-            _, cmp_offset = self._single_support()
+            _, cmp_offset = self._single.reference(gait)
         slope = self._soles.expected_slope(gait.soles)
         gait.footing = self._footing.update(
             gait.footing, measured, swinging, slope, dt, urgent=gait.step.urgent, toe_off=gait.toe_off
@@ -236,7 +228,7 @@ class GaitPlanner:
             stance = 1 - swinging
             areas = self._stops.on_edge(stance, state, measured.cops[stance], gait.footing.areas)
             gait.footing = structs.replace(gait.footing, areas=areas)
-        loads, gait.body = self._loads(), self._builder.advance_body(gait, self._relief_dcm(), self._omega(), dt)
+        loads, gait.body = self._loads(), self._builder.advance_body(gait, self._relief_dcm(), gait.omega, dt)
         if gait.phase is GaitPhase.STAND and rest is not None and rest.standing is not None:
             return structs.replace(rest.standing, sole_areas=gait.footing.areas)
         return self._builder.build(gait, loads, cmp_offset)
@@ -246,23 +238,15 @@ class GaitPlanner:
         gait, measured = self.state, self.state.measured
         landed = gait.stance if gait.phase is GaitPhase.DOUBLE else None
         gait.soles, (x, y) = self._soles.followed(gait.soles, measured, swinging, landed, dt)
-        shift = np.array((x, y))
-        gait.dcm = gait.dcm.shifted(shift)
+        gait.dcm = gait.dcm.shifted(np.array((x, y)))
         if swinging is None:  # the next lift-off sets them
             return
-        gait.swing = gait.swing.shifted(x, y)
-        step = gait.step
-        gait.step = structs.replace(
-            step,
-            liftoff=step.liftoff.shifted(x, y),
-            touchdown=step.touchdown + shift,
-            via=None if step.via is None else step.via.shifted(x, y),
-        )
+        gait.swing, gait.step = gait.swing.shifted(x, y), gait.step.shifted(x, y)
 
     def _in_stand(self, dt: float) -> None:
         gait = self.state
         self._shift_to_middle()
-        off, velocity = gait.measured.dcm(self._omega()) - self._rest_dcm, gait.measured.com_velocity[:2]
+        off, velocity = gait.measured.dcm(gait.omega) - self._rest_dcm, gait.measured.com_velocity[:2]
         if gait.rest is not None:
             velocity = velocity - gait.rest.velocity
         config, drift = self.config, math.hypot(*velocity.tolist())
@@ -279,8 +263,9 @@ class GaitPlanner:
 
     def _in_start(self) -> None:
         gait, duration = self.state, self.config.timing.start
-        end, omega = self._end_of_shift(), self._omega()
-        gait.dcm = gait.dcm.blended(end, omega * (end - self._stance_point()), gait.elapsed, duration)
+        end, omega = self._end_of_shift(), gait.omega
+        rate = omega * (end - self._soles.stance_point(gait.soles, gait.stance))
+        gait.dcm = gait.dcm.blended(end, rate, gait.elapsed, duration)
         if self.must_step:
             self._recover()
         elif gait.elapsed >= duration:
@@ -288,12 +273,12 @@ class GaitPlanner:
 
     def _in_double(self) -> None:
         gait, duration = self.state, self.state.step.double
-        elapsed, end, omega = gait.elapsed - gait.early, self._end_of_shift(), self._omega()
-        gait.dcm = gait.dcm.in_double(self._stance_point(), end, omega, elapsed, duration)
+        elapsed, end, omega = gait.elapsed - gait.early, self._end_of_shift(), gait.omega
+        gait.dcm = gait.dcm.in_double(self._soles.stance_point(gait.soles, gait.stance), end, omega, elapsed, duration)
         rear, front = gait.soles.holds[1 - gait.stance], gait.soles.holds[gait.stance]
         ahead = rear.relative(front.x, front.y)[0]
         gait.toe_off = self._footing.toe_off(1 - gait.stance, ahead, gait.pace.toe_off, elapsed, duration)
-        bears, other, far_off = gait.measured.active, 1 - gait.stance, self._far_off()
+        bears, other, far_off = gait.measured.active, 1 - gait.stance, self._single.far_off(gait)
         # A foot that has just lost its load can bear again while it is on the floor.
         on_floor = bears[other] or gait.measured.soles[other].z - gait.soles.holds[other].z < _ON_FLOOR
         dragged = bears[gait.stance] and not on_floor  # by the body, after a wide step
@@ -309,53 +294,6 @@ class GaitPlanner:
         elif self.state.elapsed >= self.config.timing.finish:
             self._enter(GaitPhase.STAND)
 
-    def _in_single(self, dt: float) -> Vector:
-        """One tick of the step; returns CMP minus CoP (2,) [m]."""
-        gait, config, foot = self.state, self.config, 1 - self.state.stance
-        measured, elapsed, left = gait.measured, gait.elapsed, gait.step.time - gait.elapsed
-        if elapsed >= gait.step.next_adjustment and left > config.swing.freeze:
-            self._adjust(elapsed)
-            if elapsed > config.ground.settled and self._lies_flat(gait.stance):
-                gait.soles = self._soles.standing_on(gait.soles, gait.stance, measured)
-            gait.step = structs.replace(gait.step, next_adjustment=elapsed + config.timing.adjust_period)
-        target_velocity = self._shift_late_target(dt) if left < 0.0 else (0.0, 0.0)
-        target, sole, urgent = gait.soles.holds[foot], measured.soles[foot], gait.step.urgent
-        yaw = float(gait.swing.position[3])
-        height = self._soles.landing_height(gait.soles, foot, measured)
-        pose = np.array([target.x, target.y, height, yaw + wrap(target.yaw - yaw)])
-        swing = gait.swing
-        if not urgent:  # the lag of an urgent foot would count as a trip
-            swing = self._swing.detect_trip(swing, sole.x, sole.y, elapsed, gait.step.time, dt)
-            if swing.trips > gait.swing.trips:
-                before, gait.soles = gait.soles.roughness, self._soles.tripped(gait.soles)
-                swing = structs.replace(swing, clearance=swing.clearance + gait.soles.roughness - before)
-        # The foot of an urgent step lags behind its reference; a late landing is worse than an early one.
-        lead = config.swing.urgent_lead if urgent else 0.0
-        duration = gait.step.time - lead
-        slope, via, effort = self._soles.expected_slope(gait.soles), gait.step.via, gait.pace.least_effort
-        gait.swing = self._swing.step(swing, pose, slope, elapsed, duration, dt, via, effort, target_velocity)
-        gait.dcm, cmp_offset = self._single_support()
-        if measured.active[foot] and elapsed > config.timing.landing_from * gait.step.time:
-            self._land(foot)
-        return cmp_offset
-
-    def _single_support(self) -> tuple[DcmState, Vector]:
-        """DCM reference of the rest of the swing, and present CMP minus CoP (2,) [m].
-
-        While the foot is late, the reference rests: the ankle of the stance foot holds the DCM.
-        """
-        gait, measured = self.state, self.state.measured
-        target, left = gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
-        swing = gait.swing.towards(target.x, target.y)
-        point, body, out = self._stance_point(), (measured.com, measured.com_velocity), np.empty((3, 2))
-        single_support(point, gait.step.touchdown, self._omega(), left, swing, body, self._leg, out)
-        moving = min(max(1.0 + left / self.config.swing.late_time, 0.0), 1.0)
-        return gait.dcm.in_single(point, out[0], moving * out[1]), out[2]
-
-    def _stance_point(self) -> Vector:
-        """ZMP point of the stance foot (2,) [m]."""
-        return self._soles.point_of(self.stance, self.footholds[self.stance])
-
     def _shift_to_middle(self) -> None:
         """Blend to rest: the DCM reference of phases ``STAND`` and ``FINISH``."""
         gait = self.state
@@ -363,20 +301,15 @@ class GaitPlanner:
 
     def _end_of_shift(self) -> Vector:
         """DCM at which the coming single support begins (2,) [m]."""
-        return self._plan.start_of_single(self._walk(self.state.soles.holds[1 - self.state.stance]))
-
-    def _walk(self, liftoff: Foothold) -> Walk:
-        gait, stance, hold = self.state, self.stance, self.footholds[self.stance]
-        soles, urgent, omega = gait.soles, gait.step.urgent, self._omega()
-        return Walk(hold, 1 - stance, liftoff, gait.command, gait.pace, omega, urgent, soles.levels, soles.landing)
+        return self._single.plan.start_of_single(walk_of(self.state, self.state.soles.holds[1 - self.stance]))
 
     def _relief_dcm(self) -> float:
         """Vertical DCM by the known heights of the coming footholds [m]."""
-        gait, levels, omega = self.state, self.state.soles.levels, self._omega()
+        gait, levels, omega = self.state, self.state.soles.levels, self.state.omega
         felt = levels[0] == levels[1] and gait.soles.landing is None and not gait.command.route.known
         if felt or not gait.phase.stepping:
             return 0.5 * (levels[0] + levels[1])
-        level, end = levels[gait.stance], self._plan.height_at_touchdown(self._walk(gait.step.liftoff))
+        level, end = levels[gait.stance], self._single.plan.height_at_touchdown(walk_of(gait, gait.step.liftoff))
         if gait.phase is GaitPhase.SINGLE:
             return level + math.exp(-omega * max(gait.step.time - gait.elapsed, 0.0)) * (end - level)
         end = level + math.exp(-omega * gait.pace.single) * (end - level)
@@ -387,64 +320,16 @@ class GaitPlanner:
         return float(double_support(first, last, then, omega, elapsed, gait.step.double)[0][0])
 
     def _lift(self) -> None:
-        """The swing foot leaves the floor at its measured place, from its edge as it turns."""
-        gait, foot, single, toe_off = self.state, 1 - self.state.stance, self.state.pace.single, self.state.toe_off
+        toe_off = self.state.toe_off
         self._enter(GaitPhase.SINGLE)
-        sole = gait.measured.soles[foot]
-        pose = np.array([sole.x, sole.y, sole.z, sole.yaw])
-        gait.step = structs.replace(
-            gait.step,
-            time=single,
-            liftoff=sole,
-            next_adjustment=0.0,
-            urgent=self._far_off(),
-            region=Region.OWN,
-            via=None,
-        )
-        landing = gait.command.route.steps[0] if gait.command.route.known else None
-        gait.soles = structs.replace(gait.soles, landing=landing)
-        walk = self._walk(sole)
-        nominal, _ = self._plan.nominal(walk)
-        rise = walk.rise + nominal.z - walk.stance.z
-        gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))
-        tilt, trips, target, pace = gait.soles.tilts[foot], gait.swing.trips, (nominal.x, nominal.y), gait.pace
-        gait.swing = self._swing.lift(
-            pose, pace.clearance, single, tilt, trips, target, toe_off, pace.least_effort, rise
-        )
-        self._adjust(0.0)
+        self._single.lift(self.state, toe_off)
 
-    def _adjust(self, elapsed: float) -> None:
-        """Foothold and time, from the measured DCM."""
-        gait, foot = self.state, 1 - self.state.stance
-        gait.step = step = structs.replace(gait.step, urgent=gait.step.urgent or self._far_off())
-        last = PlannedStep(gait.soles.holds[foot], step.time, step.touchdown, region=step.region, via=step.via)
-        plan = self._plan.adjust(self._walk(step.liftoff), gait.measured, elapsed, last, gait.swing)
-        gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, plan.hold))
-        gait.step = structs.replace(
-            step,
-            time=plan.time,
-            touchdown=plan.end,
-            region=plan.region,
-            via=plan.via,
-            unsolved=step.unsolved + (not plan.solved),
-        )
-
-    def _shift_late_target(self, dt: float) -> Point:
-        """Move the target of a late foot after the DCM, so that it lands as planned relative to it; how fast [m/s]."""
-        gait, foot, holds = self.state, 1 - self.state.stance, self.state.soles.holds
-        share = min(dt / self.config.swing.late_time, 1.0)
-        target, run = holds[foot], share * (gait.measured.dcm(self._omega()) - gait.step.touchdown)
-        limits = self._regions[gait.step.region]
-        x, y = target.x + float(run[0]), target.y + float(run[1])
-        shifted = clamped(holds[gait.stance], foot, x, y, target.yaw, limits)
-        landing = gait.soles.landing
-        if landing is not None:
-            shifted = landing.kept(shifted)
-        way = shifted.x - target.x, shifted.y - target.y
-        gait.step = structs.replace(gait.step, touchdown=gait.step.touchdown + np.array(way))
-        hold = Foothold(shifted.x, shifted.y, shifted.yaw, target.z)
-        gait.soles = structs.replace(gait.soles, holds=replaced(holds, foot, hold))
-        return way[0] / dt, way[1] / dt
+    def _in_single(self, dt: float) -> Vector:
+        """One tick of the step; returns CMP minus CoP (2,) [m]."""
+        cmp_offset = self._single.advance(self.state, dt)
+        if self._single.lands(self.state):
+            self._land(1 - self.stance)
+        return cmp_offset
 
     def _land(self, foot: int) -> None:
         gait = self.state
@@ -453,7 +338,7 @@ class GaitPlanner:
         gait.early = max(gait.step.time - gait.elapsed, 0.0)
         missed = abs(gait.step.time - gait.elapsed) * math.hypot(*gait.dcm_rate.tolist())  # uneven ground [m]
         gait.urgency = urgency_after(gait.urgency, missed, 0.0, self.config.pace)
-        gait.soles = self._soles.landed(gait.soles, foot, gait.measured, flat=self._lies_flat(1 - foot))
+        gait.soles = self._soles.landed(gait.soles, foot, gait.measured, flat=gait.footing.lies_flat(1 - foot))
         gait.stance = foot
         gait.step = structs.replace(gait.step, double=gait.pace.double)
         command = self._commands.landed(gait.command, gait.soles.holds)
@@ -478,11 +363,6 @@ class GaitPlanner:
             trim = command.trim.landed(command.velocity, step.liftoff, reached, middle, period, *laws)
         gait.command = structs.replace(command, trim=trim)
 
-    def _lies_flat(self, foot: int) -> bool:
-        """Whether a planted sole bears on an area, not on an edge."""
-        x_min, x_max, y_min, y_max = self.state.footing.areas[foot].tolist()
-        return bool(x_min < x_max and y_min < y_max)
-
     def _loads(self) -> tuple[float, float]:
         """Share of the weight on each foot, from the ZMP of the reference between them."""
         gait = self.state
@@ -492,7 +372,7 @@ class GaitPlanner:
             return (1.0, 0.0) if gait.stance == 0 else (0.0, 1.0)
         if gait.step.urgent:
             return 1.0, 1.0  # both feet may bear any load to catch the robot
-        return self._soles.shares(gait.soles.holds, gait.dcm.zmp(self._omega()))
+        return self._soles.shares(gait.soles.holds, gait.dcm.zmp(gait.omega))
 
     def _off_the_floor(self, state: RobotState, dt: float) -> bool:
         """Whether the robot is in the air; once put down, it stands until a new command."""
@@ -543,7 +423,7 @@ class GaitPlanner:
     def _recover(self) -> None:
         """Step at once with the foot that comes nearer to the DCM after ``push_horizon``, else the farther one."""
         gait = self.state
-        gait.stance = self._soles.nearest(gait.soles.holds, gait.measured.dcm(self._omega()))
+        gait.stance = self._soles.nearest(gait.soles.holds, gait.measured.dcm(gait.omega))
         self._choose_stance()
         gait.command = gait.command.counted(2)
         gait.recovering = True
@@ -551,9 +431,9 @@ class GaitPlanner:
 
     def _choose_stance(self) -> None:
         """Stand on the other foot if a step from there misses the DCM less, after ``push_horizon``."""
-        gait, omega, holds = self.state, self._omega(), self.state.soles.holds
+        gait, omega, holds = self.state, self.state.omega, self.state.soles.holds
         ahead = gait.measured.dcm(omega) + self.config.push_horizon * gait.dcm_rate
-        missed = [self._plan.missed(holds, 1 - stance, ahead, omega) for stance in range(2)]
+        missed = [self._single.plan.missed(holds, 1 - stance, ahead, omega) for stance in range(2)]
         if missed[1 - gait.stance] < missed[gait.stance] - _SWAP_ADVANTAGE:
             gait.stance = 1 - gait.stance
 
@@ -574,23 +454,11 @@ class GaitPlanner:
         rest = self.state.rest
         return self._soles.middle(self.state.soles.holds) if rest is None else rest.dcm
 
-    def _omega(self) -> float:
-        return math.sqrt(GRAVITY / max(self.state.body.height, COM_HEIGHT_MIN))
-
-    def _dcm_error(self) -> float:
-        """Distance of the DCM from its reference [m]."""
-        error = self.state.measured.dcm(self._omega()) - self.state.dcm.dcm
-        return math.hypot(*error.tolist())
-
-    def _far_off(self) -> bool:
-        """Whether the DCM is so far from its reference that the step is urgent."""
-        return self._dcm_error() > self.config.adjustment.urgent
-
     def _set_pace(self, dt: float, longest: float) -> None:
         """Pace of the commanded velocity, of its ``longest`` step [m] and of the present disturbance."""
         gait, config = self.state, self.config.pace
         lost = lost_share(gait.footing.areas, self._soles.half)
-        gait.urgency = max(urgency_after(gait.urgency, self._dcm_error(), dt, config), lost)
+        gait.urgency = max(urgency_after(gait.urgency, self.state.dcm_error, dt, config), lost)
         velocity = gait.command.velocity
         share = self.config.route.pace if gait.command.route.steps else share_of(velocity, config)
         pace = pace_at(max(share, share_within(velocity, longest, config)), config, gait.urgency)
@@ -603,7 +471,7 @@ class GaitPlanner:
         """Whether the DCM is beyond what a standing robot can recover from."""
         if self.state.rest is not None and not self.state.rest.step:
             return False
-        return self._soles.beyond_standing(self.state.soles.holds, self.state.measured.dcm(self._omega()))
+        return self._soles.beyond_standing(self.state.soles.holds, self.state.measured.dcm(self.state.omega))
 
     def _warm_up(self) -> GaitState:
         """State of the standing robot, after its first step has compiled every kernel."""
@@ -630,7 +498,6 @@ class GaitPlanner:
         self.state.command = self._commands.set_velocity(CommandState(), velocity)
         for dt in (self.config.timing.start, self.config.timing.start, self.config.timing.adjust_period):
             self.step(robot, dt)
-        self._swing.detect_trip(at_rest.swing, 0.0, 0.0, 0.0, 1.0, 1.0)  # not reached: the step is urgent
-        self._plan.height_at_touchdown(self._walk(at_rest.step.liftoff))
-        at_rest.dcm.in_double(at_rest.dcm.old, at_rest.dcm.old, self._omega(), -1.0, 1.0)  # not reached either
+        self._single.compile(at_rest)
+        at_rest.dcm.in_double(at_rest.dcm.old, at_rest.dcm.old, self.state.omega, -1.0, 1.0)  # not reached either
         return at_rest

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, structs
 
+from models.constants import COM_HEIGHT_MIN, GRAVITY
 from models.types import Reference, Vector
 from planners.gait.commands import NO_COMMAND, CommandState
 from planners.gait.config import GaitConfig
@@ -74,6 +76,12 @@ class StepState(Struct, frozen=True):
     via: Via | None = None  #: Corner that the swing foot passes on its way there
     unsolved: int = 0  #: Step adjustments without a solution, which kept to the nominal step
 
+    def shifted(self, x: float, y: float) -> StepState:
+        """Moved in W [m]."""
+        liftoff, touchdown = self.liftoff.shifted(x, y), self.touchdown + np.array((x, y))
+        via = None if self.via is None else self.via.shifted(x, y)
+        return structs.replace(self, liftoff=liftoff, touchdown=touchdown, via=via)
+
 
 class BodyState(Struct, frozen=True):
     """Reference of the body."""
@@ -115,6 +123,17 @@ class GaitState:
     early: float = 0.0  #: Time by which the last touchdown was early [s]
     recovering: bool = False  #: The present steps began with one that caught a standing robot
     rest: Rest | None = None  #: Over the middle of the soles when None
+
+    @property
+    def omega(self) -> float:
+        """Of the pendulum [1/s]."""
+        return math.sqrt(GRAVITY / max(self.body.height, COM_HEIGHT_MIN))
+
+    @property
+    def dcm_error(self) -> float:
+        """Distance of the DCM from its reference [m]."""
+        error = self.measured.dcm(self.omega) - self.dcm.dcm
+        return math.hypot(*error.tolist())
 
     def copy(self) -> GaitState:
         """Another record of the same state, for a checkpoint."""
