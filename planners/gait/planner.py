@@ -28,7 +28,7 @@ from planners.gait.scaling import load_gait_config
 from planners.gait.single_support import SingleSupport, walk_of
 from planners.gait.speed import SpeedTrim
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
-from planners.gait.strength import torque_limits
+from planners.gait.strength import leg_limits
 
 _STILL = np.zeros(2)  #: Rate of a DCM at rest [m/s]
 _ON_FLOOR = 0.01  #: Height of a sole above its foothold up to which it is on the floor [m]
@@ -109,8 +109,8 @@ class GaitPlanner:
 
     @cached_property
     def limits(self) -> dict[str, str]:
-        """What limits crouch and velocity beside the configuration; see ``torque_limits``."""
-        return torque_limits(self.model, self.config)
+        """What limits crouch and velocity beside the configuration; see ``leg_limits``."""
+        return leg_limits(self.model, self.config)
 
     def exceeded(self, velocity: Velocity) -> dict[str, str]:
         """How a velocity exceeds the limits, for people, by the name of the component."""

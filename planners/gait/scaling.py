@@ -20,7 +20,7 @@ from planners.gait.config import (
     TimingConfig,
     VelocityConfig,
 )
-from planners.gait.strength import within_torques
+from planners.gait.strength import within_legs
 
 QUINTIC_PEAK = 15.0 / 8.0  #: Peak over mean speed of a quintic from rest to rest [-]
 
@@ -39,7 +39,7 @@ def _packaged(model: RobotModel) -> GaitConfig:
     config = scaled(default_config(GaitConfig, "planners", "gait"), model.leg_length, foot_size(model))
     fastest = min(config.swing.speed_max, config.swing.speed_share * foot_speed(model))
     config = replace(config, swing=replace(config.swing, speed_max=fastest))
-    return within_torques(model, config)
+    return within_legs(model, config)
 
 
 def foot_speed(model: RobotModel) -> float:

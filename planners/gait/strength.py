@@ -163,7 +163,7 @@ class StepLoads:
         return pin.SE3(yaw @ self._soles[1].rotation, place), way
 
 
-def within_torques(model: RobotModel, config: GaitConfig) -> GaitConfig:
+def within_legs(model: RobotModel, config: GaitConfig) -> GaitConfig:
     """The gait with crouch and velocity limits that the robot's legs allow."""
     loads = StepLoads(model, config, _CROUCH)
 
@@ -199,7 +199,7 @@ def _largest(excess: Callable[[float], float], most: float, least: float) -> flo
     return low
 
 
-def torque_limits(model: RobotModel, config: GaitConfig) -> dict[str, str]:
+def leg_limits(model: RobotModel, config: GaitConfig) -> dict[str, str]:
     """What limits the crouch and each velocity of a gait, by the name of the limit; without those that nothing does."""
     loads, slow = StepLoads(model, config), pace_at(0.0, config.pace)
     deeper = slow._replace(crouch=slow.crouch + _DEEPER)

@@ -18,7 +18,7 @@ from planners.gait.commands import exceeded
 from planners.gait.config import GaitConfig
 from planners.gait.pace import pace_at
 from planners.gait.scaling import load_gait_config
-from planners.gait.strength import STANDSTILL, StepLoads, torque_limits, within_torques
+from planners.gait.strength import STANDSTILL, StepLoads, leg_limits, within_legs
 
 Build = Callable[[Humanoid], RobotModel]
 
@@ -39,8 +39,8 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
 def test_strong_legs_are_not_limited(g1: RobotModel, build: Build) -> None:
     for model in (g1, build(Humanoid())):
         config = load_gait_config(model)
-        assert torque_limits(model, config) == {}
-        assert within_torques(model, replace(config, torque_share=0.99)) == replace(config, torque_share=0.99)
+        assert leg_limits(model, config) == {}
+        assert within_legs(model, replace(config, torque_share=0.99)) == replace(config, torque_share=0.99)
     assert load_gait_config(g1).velocity.forward == pytest.approx(1.25, abs=1e-3)
 
 
@@ -48,7 +48,7 @@ def test_talos_is_as_fast_as_its_hips(talos: RobotModel) -> None:
     """At 1.2 m/s it falls within 7 s, both hips at their limits; at 1.1 m/s it walks on."""
     config = load_gait_config(talos)
     assert 1.0 < config.velocity.forward < 1.15 and config.pace.forward == pytest.approx(1.3, abs=0.05)
-    assert torque_limits(talos, config) == {"forward": "joint 'leg_left_3_joint' of 160 N.m"}
+    assert leg_limits(talos, config) == {"forward": "joint 'leg_left_3_joint' of 160 N.m"}
 
 
 def test_weaker_knees_crouch_less_and_walk_slower(build: Build) -> None:
@@ -60,7 +60,7 @@ def test_weaker_knees_crouch_less_and_walk_slower(build: Build) -> None:
     speeds = [gait.velocity.forward for gait in gaits]
     assert speeds == sorted(speeds, reverse=True) and speeds[0] > 1.2 and 0.1 < speeds[-1] < 0.6
     for model, gait in zip(robots[1:], gaits[1:], strict=True):
-        assert torque_limits(model, gait)["forward"] == f"joint 'left_knee' of {_knee(model):g} N.m"
+        assert leg_limits(model, gait)["forward"] == f"joint 'left_knee' of {_knee(model):g} N.m"
 
 
 def _knee(model: RobotModel) -> float:
@@ -101,7 +101,7 @@ def test_legs_without_yaw_do_not_turn(build: Build, robot: Humanoid) -> None:
     model = build(robot)
     config = load_gait_config(model)
     assert config.velocity.turn == config.route.turn == STANDSTILL and config.velocity.forward > 1.0
-    assert "do not turn their soles" in torque_limits(model, config)["turn"]
+    assert "do not turn their soles" in leg_limits(model, config)["turn"]
 
 
 def test_what_a_velocity_exceeds_is_said_with_the_cause(g1: RobotModel) -> None:
@@ -134,5 +134,5 @@ def test_slow_hips_limit_the_turn(tmp_path: Path) -> None:
     pace = pace_at(0.0, config.pace)
     turn = config.swing.speed_share * 0.4 * pace.single / (pace.period * np.sqrt(1.2))
     assert config.velocity.turn == pytest.approx(turn, rel=0.03)
-    assert "hip_yaw' of 0.4 rad/s" in torque_limits(model, config)["turn"]
+    assert "hip_yaw' of 0.4 rad/s" in leg_limits(model, config)["turn"]
     assert config.velocity.forward > 1.2
