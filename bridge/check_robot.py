@@ -22,7 +22,7 @@ from models.proposal.propose import Proposal, propose
 from models.robot_model import RobotModel
 from models.types import CommandReply, Mode
 from planners.gait.scaling import load_gait_config
-from planners.gait.strength import torque_limits
+from planners.gait.strength import leg_limits
 from planners.motion import MotionPlanner
 from planners.whole_body_ik import arms
 
@@ -72,7 +72,7 @@ class Trials:
         texts |= {name: f"{getattr(velocity, name):.2f} m/s" for name in ("forward", "backward", "lateral")}
         texts["turn"] = f"{velocity.turn:.2f} rad/s"
         causes: dict[str, list[str]] = {}
-        for name, cause in torque_limits(self._model, gait).items():
+        for name, cause in leg_limits(self._model, gait).items():
             causes.setdefault(cause, []).append(f"{name} {texts[name]}")
         return [f"the walk is limited by {cause}: {', '.join(limited)}" for cause, limited in causes.items()]
 
