@@ -131,6 +131,7 @@ class BalanceController:
             posture.tree,
             posture.frames,
             self.whole_body.builder.edges,
+            np.array([foot.free[:2] for foot in model.feet]),
             np.array([corners_of(area) for area in self.whole_body.areas]),
             *(np.zeros(shape) for shape in ((8,), (2, 3, 3), (2, 3), (2, 4), (3, 3), (3,), (3,))),
             *(np.zeros(shape) for shape in ((3,), (3, 3), (3, 3), (2,), (2,), (3,))),

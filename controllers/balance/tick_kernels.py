@@ -31,6 +31,7 @@ class BalanceArrays(NamedTuple):
     tree: KinematicTree  #: See ``posture_reference``
     frames: TreeFrames  #: See ``posture_reference``
     edges: Edges  #: Soles that stand on an edge
+    turning: NDArray[np.bool_]  #: Axes x and y about which each sole turns with its leg (2, 2)
     corners: Array  #: Of the areas that bear, in the sole frames (2, 4, 3)
     gains: Array  #: Of ``feedback_gains``, then the largest shift of the CMP [m] (8,)
     rotations: Array  #: Of the footholds (2, 3, 3)
@@ -86,8 +87,8 @@ def standing_reference(
     loads = wrench_left[2], wrench_right[2]
     follow_left, follow_right = share == 1.0, share == 1.0
     if share < 1.0:
-        follow_left = not arrays.edges.free[0].any() and loads[0] > least_load
-        follow_right = not arrays.edges.free[1].any() and loads[1] > least_load
+        follow_left = _lies_flat(arrays, 0) and loads[0] > least_load
+        follow_right = _lies_flat(arrays, 1) and loads[1] > least_load
         _drift(arrays, (loads[0] if follow_left else 0.0, loads[1] if follow_right else 0.0))
     _note_soles(arrays)
     _move_footholds(arrays, follow_left, follow_right, share)
@@ -98,6 +99,12 @@ def standing_reference(
     reference[8, 0] = reference[0, 0] + reference[1, 0] / omega
     reference[8, 1] = reference[0, 1] + reference[1, 1] / omega
     reference[8, 2] = height
+
+
+@register_jitable
+def _lies_flat(arrays: BalanceArrays, foot: int) -> bool:
+    """Whether a sole turns about no other axis than those about which it turns with its leg."""
+    return not (arrays.edges.free[foot] & ~arrays.turning[foot]).any()
 
 
 @register_jitable
