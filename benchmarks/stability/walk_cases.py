@@ -28,7 +28,7 @@ from planners.gait.scaling import load_gait_config
 
 @dataclass(frozen=True, slots=True)
 class Walked:
-    """A measured walk, of the CoM: a base beside it goes round it while the robot turns in place."""
+    """A measured walk, by the CoM: the base circles it while the robot turns in place."""
 
     velocities: Matrix  #: Mean velocity of each chunk, in the heading of that moment (n, 3) [m/s, m/s, rad/s]
     distance: float  #: Length of the path [m]
@@ -49,6 +49,7 @@ def watch(loop: ClosedLoop, duration: float, chunk: float) -> Walked:
     end, model, data = loop.t + duration, loop.robot.pin, loop.robot.data()
 
     def place() -> tuple[Vector, float]:
+        """CoM (2,) [m] and heading [rad]."""
         q = loop.truth.q
         return pin.centerOfMass(model, data, q)[:2].copy(), heading(*q[3:7])
 

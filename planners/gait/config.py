@@ -101,8 +101,10 @@ class VelocityConfig:
 class SpeedConfig:
     """How steps are corrected that miss a velocity; see ``speed.py``."""
 
-    gain: Share  #: Of the last stride's error in what the next ones are corrected by [-]
-    most: Share  #: Largest correction by each component, in parts of the speeds of ``pace`` [-]
+    gain: Share  #: Step size of the least mean squares [-]
+    most: (
+        Share  #: Largest entry of the correction, and error over speed learned from, in parts of ``pace``'s speeds [-]
+    )
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -193,7 +193,8 @@ class Soles:
     ) -> tuple[SoleState, Point]:
         """One tick: footholds move with the drift; planted ones, and their slopes, approach the loaded soles.
 
-        The drift in W [m] is the ``common_motion`` of the loaded soles since the last tick; it is returned too.
+        The drift in W [m] is the translation of the ``common_motion`` of the loaded soles since the last tick; it is
+        returned too.
         ``swinging`` is None in double support; ``landed`` is the foot that has just landed and settles on the ground.
         """
         (old_left, old_right), (left, right), (hold_left, hold_right) = soles.measured, measured.soles, soles.holds

@@ -82,10 +82,10 @@ def mean_heading(first: float, second: float) -> float:
 def common_motion(
     before: tuple[Place, Place], after: tuple[Place, Place], loads: Point, least: float
 ) -> tuple[Point, Pose]:
-    """Planar motion that the soles which bear at least a load have in common, and the point about which they turn.
+    """Centre [m] and planar motion [m, m, rad] of the soles that bear at least ``least``, weighted by load.
 
-    It is weighted by load; zero without such a sole. Place and heading, which the estimator cannot observe, drift for
-    references and measurements alike: soles on the floor seem to move together.
+    ``loads`` and ``least`` have one unit. Zero without such a sole. Position and heading, which no sensor observes,
+    drift for references and measurements alike: soles on the floor seem to move together.
     """
     x, y, way_x, way_y, turn, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for foot in range(2):

@@ -320,7 +320,7 @@ class GaitPlanner:
         return float(double_support(first, last, then, omega, elapsed, gait.step.double)[0][0])
 
     def _lift(self) -> None:
-        toe_off = self.state.toe_off
+        toe_off = self.state.toe_off  # which the next line ends
         self._enter(GaitPhase.SINGLE)
         self._single.lift(self.state, toe_off)
 
@@ -359,8 +359,9 @@ class GaitPlanner:
         going_on = not command.route.steps and command.steps_left is None
         if going_on and not step.urgent and gait.soles.roughness == 0.0:
             middle, period = (0.0, -0.5 * side_of(foot) * config.reach.width), gait.early + step.double + gait.elapsed
-            laws = config.speed, config.pace
-            trim = command.trim.landed(command.velocity, step.liftoff, reached, middle, period, *laws)
+            trim = command.trim.landed(
+                command.velocity, step.liftoff, reached, middle, period, config.speed, config.pace
+            )
         gait.command = structs.replace(command, trim=trim)
 
     def _loads(self) -> tuple[float, float]:
@@ -458,7 +459,7 @@ class GaitPlanner:
         """Pace of the commanded velocity, of its ``longest`` step [m] and of the present disturbance."""
         gait, config = self.state, self.config.pace
         lost = lost_share(gait.footing.areas, self._soles.half)
-        gait.urgency = max(urgency_after(gait.urgency, self.state.dcm_error, dt, config), lost)
+        gait.urgency = max(urgency_after(gait.urgency, gait.dcm_error, dt, config), lost)
         velocity = gait.command.velocity
         share = self.config.route.pace if gait.command.route.steps else share_of(velocity, config)
         pace = pace_at(max(share, share_within(velocity, longest, config)), config, gait.urgency)
@@ -498,6 +499,6 @@ class GaitPlanner:
         self.state.command = self._commands.set_velocity(CommandState(), velocity)
         for dt in (self.config.timing.start, self.config.timing.start, self.config.timing.adjust_period):
             self.step(robot, dt)
-        self._single.compile(at_rest)
+        self._single.compile_rest(at_rest)
         at_rest.dcm.in_double(at_rest.dcm.old, at_rest.dcm.old, self.state.omega, -1.0, 1.0)  # not reached either
         return at_rest

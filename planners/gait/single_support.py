@@ -98,7 +98,7 @@ class SingleSupport:
         return cmp_offset
 
     def lands(self, gait: GaitState) -> bool:
-        """Whether the swing foot bears load, and not only still at lift-off."""
+        """Whether the swing foot bears load, ``landing_from`` of the step after it left the floor."""
         least = self._config.timing.landing_from * gait.step.time
         return gait.measured.active[1 - gait.stance] and gait.elapsed > least
 
@@ -115,8 +115,8 @@ class SingleSupport:
         moving = min(max(1.0 + left / self._config.swing.late_time, 0.0), 1.0)
         return gait.dcm.in_single(point, out[0], moving * out[1]), out[2]
 
-    def compile(self, gait: GaitState) -> None:
-        """Call the kernels that a step of a robot which stands still does not."""
+    def compile_rest(self, gait: GaitState) -> None:
+        """Compile the kernels that the first step does not call."""
         self._swing.detect_trip(gait.swing, 0.0, 0.0, 0.0, 1.0, 1.0)
         self.plan.height_at_touchdown(walk_of(gait, gait.step.liftoff))
 

@@ -1,19 +1,25 @@
-r"""A walk makes the commanded velocity: its steps are asked for as much more as they were found to fall short.
+r"""Corrects the nominal steps so that a walk makes the commanded velocity.
 
 A swing foot lags, a sole lands early, the DCM trails its reference: the steps of a velocity ``v`` are some percent
 shorter than planned, more at high speed, and those to one side go a little ahead, too. So the nominal step is that of
-``v + E v``. The matrix ``E`` is learned at each touchdown from the velocity that the foot has made since it last lay on
-the floor, over two steps of duration T, by normalised least mean squares:
 
-.. math:: E \leftarrow E + \gamma \frac{e\,v^T}{v^T v}, \qquad e = v - \frac{d}{2 T}, \quad |e_i| \le e_{max} |v|,
-    \quad |E_{ij}| \le e_{max}
+.. math:: v + E\,r(v), \qquad r(v) = (v_x^+, v_x^-, v_y^+, v_y^-, \omega^+, \omega^-), \quad
+    v^\pm = \max(\pm v, 0)
+
+with columns for either sense of each component, since steps to the left are no mirror of steps to the right where a leg
+is calibrated otherwise, nor are steps back one of steps ahead. The matrix ``E`` is learned at each touchdown from the
+velocity that the foot has made since it last lay on the floor, over two steps of duration T, by normalised least mean
+squares:
+
+.. math:: E \leftarrow E + \gamma \frac{e\,r^T}{r^T r}, \qquad e = v - \frac{d}{2 T}, \quad
+    |e_i| \le e_{max} |v|, \quad |E_{ij}| \le e_{max}
 
 with every component in parts of its speed at which the gait is fast. ``d`` is the way of the middle between the feet,
 along the arc. Both ends are soles on the floor, so the drift of the estimate is not in it. Only steps at a steady
 velocity count, on ground that is not rough, that were not urgent.
 
 References:
-    Widrow, Stearns: Adaptive signal processing, 1985, chapter 6.
+    Haykin: Adaptive filter theory, 4th edition, 2002, chapter 6.
 """
 
 import math
@@ -25,22 +31,24 @@ from models.types import Velocity
 from planners.gait.config import PaceConfig, SpeedConfig
 from planners.gait.footsteps import Foothold, Point, rotated, wrap
 
-Rows = tuple[Velocity, Velocity, Velocity]
+Row = tuple[float, float, float, float, float, float]
 
+_ZERO: Row = (0.0,) * 6
 _SLOW = 1e-3  #: Part of the fast speeds below which nothing is learned [-]
 
 
 class SpeedTrim(Struct, frozen=True):
-    """What is asked for beside a velocity."""
+    """Correction of the velocity of the nominal steps, learned at touchdowns."""
 
-    matrix: Rows = ((0.0,) * 3,) * 3  #: ``E``, of the components forward, left, turn, in their units
+    matrix: tuple[Row, Row, Row] = (_ZERO, _ZERO, _ZERO)  #: ``E`` (3, 6), in the units of the velocity
     steady: Velocity | None = None  #: Velocity of the last step, None if it does not count
 
     def of(self, velocity: Velocity) -> Velocity:
-        """The velocity whose steps make a commanded one."""
+        """Velocity of the nominal steps for a commanded one [m/s, m/s, rad/s]."""
         x, y, w = velocity
-        (a, b, c), (d, e, f), (g, h, i) = self.matrix
-        return x + a * x + b * y + c * w, y + d * x + e * y + f * w, w + g * x + h * y + i * w
+        ways = _senses(velocity)
+        forward, left, turn = (sum(e * way for e, way in zip(row, ways, strict=True)) for row in self.matrix)
+        return x + forward, y + left, w + turn
 
     def landed(
         self,
@@ -54,12 +62,13 @@ class SpeedTrim(Struct, frozen=True):
     ) -> "SpeedTrim":
         """After a touchdown at ``reached`` of the foot that ``left`` its place a step of ``period`` [s] before.
 
-        ``middle`` is the place between the feet from a nominal sole [m].
+        ``middle`` is the place between the feet from a nominal sole [m], ``pace`` has the speeds of the fast gait.
         """
         if velocity != self.steady:
             return SpeedTrim(self.matrix, velocity)
         fast = np.array((pace.forward, pace.lateral, pace.turn))
-        parts, units = np.array(velocity) / fast, fast / fast[:, None]
+        parts, senses = np.array(velocity) / fast, np.array(_senses(velocity)) / np.repeat(fast, 2)
+        units = np.repeat(fast, 2) / fast[:, None]  # (3, 6)
         speed = float(np.linalg.norm(parts))
         if speed < _SLOW:
             return self
@@ -68,6 +77,11 @@ class SpeedTrim(Struct, frozen=True):
         ahead, aside = rotated(-(left.yaw + 0.5 * turned), arc * (to_x - x), arc * (to_y - y))
         error = parts - np.array((ahead, aside, turned)) / (2.0 * period * fast)
         error = np.clip(error, -config.most * speed, config.most * speed)
-        step = config.gain / speed**2 * np.outer(error, parts)
+        step = config.gain / speed**2 * np.outer(error, senses)
         forward, sideways, turn = (np.clip(units * self.matrix + step, -config.most, config.most) / units).tolist()
         return SpeedTrim((tuple(forward), tuple(sideways), tuple(turn)), velocity)
+
+
+def _senses(velocity: Velocity) -> Row:
+    x, y, w = velocity
+    return max(x, 0.0), max(-x, 0.0), max(y, 0.0), max(-y, 0.0), max(w, 0.0), max(-w, 0.0)

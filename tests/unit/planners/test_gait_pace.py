@@ -183,6 +183,16 @@ def test_a_stride_at_two_velocities_does_not_count() -> None:
     assert walked((0.4, 0.0, 0.0), 0.9, 1, trim).matrix[0][0] > 0.0
 
 
+def test_each_side_has_its_own_correction() -> None:
+    """Steps to either side go ahead: what was learned to the left does not make it worse to the right, nor is lost."""
+    drift = 0.01, 0.0, 0.0
+    left = walked((0.0, 0.2, 0.0), 1.0, 60, drift=drift)
+    assert left.of((0.0, -0.2, 0.0))[0] == 0.0
+    both = walked((0.0, -0.2, 0.0), 1.0, 60, left, drift=drift)
+    for side in (0.2, -0.2):
+        assert both.of((0.0, side, 0.0)) == pytest.approx((-0.01, side, 0.0), abs=1e-3)
+
+
 def test_one_step_far_off_hardly_counts() -> None:
     """A step after a push, to the side: the walk goes on nearly as commanded."""
     velocity = 0.4, 0.0, 0.0
