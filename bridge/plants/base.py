@@ -261,9 +261,9 @@ class ReleaseGate:
     """Detects that the feet of a held robot bear its weight, so that the release causes no transient.
 
     Open when |F_z - m g| <= load_tolerance m g for the vertical load on both soles, averaged over ``load_window``, and
-    at least ``settle_time`` has passed. After that ``load_tolerance`` grows in proportion to the time: where the ankles
-    are weak, the law presses, or draws up a foot, to correct an attitude that the hold does not let it change. The load
-    is the true one, as a crane measures it.
+    at least ``settle_time`` has passed. After that more and more load than the weight is accepted, in proportion to the
+    time: where the ankles are weak, the law presses to correct an attitude that the hold does not let it change. The
+    load is the true one, as a crane measures it.
     """
 
     def __init__(self, model: RobotModel, config: LoopConfig) -> None:
@@ -284,7 +284,7 @@ class ReleaseGate:
         self._sum = self._window = 0.0
         excess, least = self.load / self.weight - 1.0, self._config.load_tolerance
         patience = self.waited / self._config.settle_time
-        return patience >= 1.0 and abs(excess) <= least * patience
+        return patience >= 1.0 and -least <= excess <= least * patience
 
 
 def release_loaded(

@@ -141,8 +141,8 @@ def test_release_gate_opens_on_load_and_time(g1: RobotModel) -> None:
             assert gate.load == pytest.approx(share * gate.weight)
 
 
-def test_release_gate_accepts_more_deviation_the_longer_it_waits(g1: RobotModel) -> None:
-    for share, after in ((1.15, 3.0 * CONFIG.settle_time), (0.85, 3.0 * CONFIG.settle_time), (0.7, None)):
+def test_release_gate_accepts_more_excess_the_longer_it_waits(g1: RobotModel) -> None:
+    for share, after in ((1.15, 3.0 * CONFIG.settle_time), (0.85, None)):
         gate = ReleaseGate(g1, CONFIG)
         opened = [gate.update(share * gate.weight, DT) for _ in range(round(CONFIG.settle_limit / DT))]
         assert any(opened) is (after is not None)
