@@ -102,9 +102,7 @@ class SpeedConfig:
     """How steps are corrected that miss a velocity; see ``speed.py``."""
 
     gain: Share  #: Step size of the least mean squares [-]
-    most: (
-        Share  #: Largest entry of the correction, and error over speed learned from, in parts of ``pace``'s speeds [-]
-    )
+    most: Share  #: Largest entry of the correction, and largest error over speed that is learned from [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -46,9 +46,14 @@ class SpeedTrim(Struct, frozen=True):
     def of(self, velocity: Velocity) -> Velocity:
         """Velocity of the nominal steps for a commanded one [m/s, m/s, rad/s]."""
         x, y, w = velocity
-        ways = _senses(velocity)
-        forward, left, turn = (sum(e * way for e, way in zip(row, ways, strict=True)) for row in self.matrix)
-        return x + forward, y + left, w + turn
+        i, j, k = 0 if x > 0.0 else 1, 2 if y > 0.0 else 3, 4 if w > 0.0 else 5
+        a, b, c = abs(x), abs(y), abs(w)
+        forward, left, turn = self.matrix
+        return (
+            x + forward[i] * a + forward[j] * b + forward[k] * c,
+            y + left[i] * a + left[j] * b + left[k] * c,
+            w + turn[i] * a + turn[j] * b + turn[k] * c,
+        )
 
     def landed(
         self,

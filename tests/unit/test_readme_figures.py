@@ -21,7 +21,10 @@ README = ROOT / "README.md"
 FIGURES = ROOT / "docs" / "measured.md"
 MEASURED = (
     FIGURES,
-    *(ROOT / "docs" / f"{name}.md" for name in ("peers", "walking_measured", "walking_tried", "latency", "tick", "limits")),
+    *(
+        ROOT / "docs" / f"{name}.md"
+        for name in ("peers", "walking_measured", "walking_tried", "latency", "tick", "limits")
+    ),
 )
 """Pages whose tables hold measured figures."""
 
