@@ -84,7 +84,7 @@ class _Underway(NamedTuple):
     """A step under way; times since its lift-off [s], as in ``StepProblem``."""
 
     foot: int  #: The swing foot
-    region: int  #: A ``Region``
+    region: int  #: A ``Region``, as a number: of an enum, numba finds out the type in Python, in 20 us
     kept: bool  #: The foot is on its way there: what it no longer reaches in time does not exclude the region
     ends: bool  #: The walk ends with the previewed steps: chooses the weights
     omega: float
@@ -184,7 +184,7 @@ class StepPlanner:
             kept, corner = region is last, NOWHERE
             if not kept and divided(walk.foot, place, region, self._corner):
                 continue
-            at = _Underway(walk.foot, region, kept, ends, omega, elapsed, step.time, soonest, latest, lead)
+            at = _Underway(walk.foot, int(region), kept, ends, omega, elapsed, step.time, soonest, latest, lead)
             z = np.empty(5)
             for _ in range(2):  # straight, then round the stance foot where it is in the way
                 value = _best_of_region(self._setup, poses, at, walk.pace, dcm, motion, body, corner, room, z)

@@ -1,4 +1,7 @@
-"""Nothing compiles while a robot stands, walks and maps: that takes longer than the drivers wait for a command."""
+"""Nothing compiles while a robot stands, walks and maps: that takes longer than the drivers wait for a command.
+
+Nor does numba find out the type of an argument in Python, which takes longer than most kernels.
+"""
 
 import json
 import subprocess
@@ -9,6 +12,9 @@ import pytest
 
 SCRIPT = """
 import json, sys
+from collections import Counter
+from unittest.mock import patch
+from numba.core.dispatcher import _DispatcherBase
 from bridge.closed_loop import ClosedLoop
 
 def specialisations():
@@ -20,12 +26,19 @@ def specialisations():
                     found[f"{value.__module__}.{value.__name__}"] = len(value.signatures)
     return found
 
+slow, find_type = Counter(), _DispatcherBase.typeof_pyval
+
+def typeof_pyval(kernel, value):
+    slow[f"{kernel.py_func.__name__}: {type(value).__name__}"] += 1
+    return find_type(kernel, value)
+
 def find_new(robot):
     seeing = robot == "g1"
     loop = ClosedLoop(robot, record=False, terrain_map=seeing)
     loop.gait  # built when first asked for
     before = specialisations()
-    move(loop)
+    with patch.object(_DispatcherBase, "typeof_pyval", typeof_pyval):
+        move(loop)
     if seeing:
         assert loop.ground_view.mapper.patches()
     return {name: n for name, n in specialisations().items() if n != before.get(name)}
@@ -49,7 +62,7 @@ def move(loop):
     loop.run(1.0)
 
 new = {robot: find_new(robot) for robot in ("g1", "talos")}
-print(json.dumps({"functions": len(specialisations()), "new": new}))
+print(json.dumps({"functions": len(specialisations()), "new": new, "slow": slow}))
 """
 
 
@@ -63,3 +76,4 @@ def test_motion_push_and_walk_compile_nothing(root: Path) -> None:
     answer = json.loads(result.stdout.splitlines()[-1])
     assert answer["functions"] > 10
     assert answer["new"] == {"g1": {}, "talos": {}}
+    assert answer["slow"] == {}
