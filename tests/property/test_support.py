@@ -44,8 +44,10 @@ def test_distance_to_a_square(x: float, y: float, margin: float) -> None:
     np.testing.assert_allclose(np.hypot(out[2], out[3]), 1.0, atol=1e-9)
 
 
-def command(dcm: tuple[float, float], desired: tuple[float, float], **changes: float) -> tuple[np.ndarray, float]:
-    hull, n = hull_of(SQUARE)
+def command(
+    dcm: tuple[float, float], desired: tuple[float, float], shape: np.ndarray = SQUARE, **changes: float
+) -> tuple[np.ndarray, float]:
+    hull, n = hull_of(shape)
     settings = {"margin": 0.0, "momentum_margin": 0.1, "momentum_gain": 2.0, "momentum_reach_max": 0.5} | changes
     out = np.zeros(2)
     inside = cmp_command(hull, n, np.array(dcm), np.array(desired), *settings.values(), out)
@@ -78,3 +80,12 @@ def test_cmp_reaches_beyond_the_edge_when_the_dcm_nears_it() -> None:
 def test_cmp_is_a_centre_of_pressure_while_the_dcm_is_inside(dx: float, dy: float, x: float, y: float) -> None:
     out, _ = command((dx, dy), (x, y))
     assert np.abs(out).max() <= 1.0 + 1e-9
+
+
+@settings(deadline=None)
+@given(st.floats(0.01, 0.5), st.floats(0.0, 0.2), st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
+def test_cmp_moves_no_faster_than_the_dcm_times_the_gain(half: float, margin: float, first: float, last: float) -> None:
+    """It jumped where the nearest edge changes: a robot with weak ankles rocked between those of its soles at 26 Hz."""
+    strip = SQUARE[:4] * (half, 1.0)
+    (x, _), (y, _) = (command((at, 0.0), (0.0, 0.0), strip, momentum_margin=margin)[0] for at in (first, last))
+    assert abs(y - x) <= 2.0 * abs(last - first) + 1e-9
