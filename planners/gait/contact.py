@@ -30,6 +30,8 @@ from planners.gait.footsteps import (
 from planners.gait.measurement import Measurement
 from planners.gait.route import Footstep
 
+Places = tuple[float, float, float]
+
 
 class AnchorLimits(NamedTuple):
     """How planted soles follow the measured ones."""
@@ -94,16 +96,19 @@ class Soles:
         left, right = (float(np.linalg.norm(dcm - self.point_of(foot, holds[foot]))) for foot in range(2))
         return 0 if left < right else 1
 
-    def standing_box(self, holds: Feet, dcm: Vector) -> tuple[Point, Point]:
-        """DCM from the middle of the box around both soles, along their mean heading, and half its size [m]."""
-        place, half = _standing_box(holds[0].pose, holds[1].pose, dcm, self.centres, self.half)
-        return place, half
+    def standing_support(self, holds: Feet, dcm: Vector) -> tuple[Places, Places]:
+        """DCM from the middle of the hull of both soles along the normals of its edges, and half its extents [m].
+
+        The soles count as if both had their mean heading. Then the hull has six edges, in pairs: along that heading,
+        across it, and along the line from foot to foot.
+        """
+        places, half = _standing_support(holds[0].pose, holds[1].pose, dcm, self.centres, self.half)
+        return places, half
 
     def beyond_standing(self, holds: Feet, dcm: Vector) -> bool:
-        """Whether a DCM (2,) is so near to the edge of the box around both soles that standing cannot recover."""
-        (x, y), (length, width) = self.standing_box(holds, dcm)
-        share = self._config.step_share
-        return abs(x) > share * length or abs(y) > share * width
+        """Whether a DCM (2,) is so near to the edge of the hull of both soles that standing cannot recover."""
+        share, (places, half) = self._config.step_share, self.standing_support(holds, dcm)
+        return any(place > share * extent for place, extent in zip(places, half, strict=True))
 
     def astride(self, holds: Feet, allowed: float) -> bool:
         """Whether one sole is farther from its place in the nominal stance than ``allowed`` [m]."""
@@ -251,14 +256,17 @@ def _follow(
 
 
 @njit(cache=True)
-def _standing_box(left: Pose, right: Pose, dcm: Vector, centres: Matrix, half: Matrix) -> tuple[Point, Point]:
-    """``Soles.standing_box`` of the poses of the soles."""
+def _standing_support(left: Pose, right: Pose, dcm: Vector, centres: Matrix, half: Matrix) -> tuple[Places, Places]:
+    """``Soles.standing_support`` of the poses of the soles."""
     first = point_at(left[0], left[1], left[2], centres[0, 0], centres[0, 1])
     second = point_at(right[0], right[1], right[2], centres[1, 0], centres[1, 1])
     x, y, yaw = 0.5 * (first[0] + second[0]), 0.5 * (first[1] + second[1]), mean_heading(left[2], right[2])
-    apart = relative_to(x, y, yaw, first[0], first[1])
-    size = (half[0, 0] + abs(apart[0]), half[0, 1] + abs(apart[1]))
-    return relative_to(x, y, yaw, dcm[0], dcm[1]), size
+    to_foot, place = relative_to(x, y, yaw, first[0], first[1]), relative_to(x, y, yaw, dcm[0], dcm[1])
+    ahead, aside, (length, width) = abs(to_foot[0]), abs(to_foot[1]), (half[0, 0], half[0, 1])
+    apart = max(math.hypot(ahead, aside), 1e-9)
+    across = abs(to_foot[0] * place[1] - to_foot[1] * place[0]) / apart
+    extent = (aside * length + ahead * width) / apart
+    return (abs(place[0]), abs(place[1]), across), (length + ahead, width + aside, extent)
 
 
 def _known_level(soles: SoleState, foot: int) -> float:

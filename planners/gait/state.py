@@ -185,7 +185,7 @@ def capture_margin(view: GaitView, config: GaitConfig) -> float:
 
     .. math:: e^{\omega t} \xi \in [r_{min} - h', r_{max} + h'] \pm (e^{\omega t} - 1) h
 
-    The margin is that of the best time among ``TIMES`` from the soonest to the latest one. On both feet the box around
+    The margin is that of the best time among ``TIMES`` from the soonest to the latest one. On both feet the hull of
     the soles counts too, where no step is needed.
 
     References:
@@ -194,10 +194,10 @@ def capture_margin(view: GaitView, config: GaitConfig) -> float:
     gait = view.state
     if view.swinging:
         return _one_step(view, config, gait.stance, gait.elapsed)
-    place, half = view.soles.standing_box(gait.soles.holds, view.dcm)
+    places, half = view.soles.standing_support(gait.soles.holds, view.dcm)
     stances = (0, 1) if gait.phase.resting else (gait.stance,)
     steps = [_one_step(view, config, stance, 0.0) for stance in stances]
-    return max(min(half[0] - abs(place[0]), half[1] - abs(place[1])), *steps)
+    return max(min(extent - place for place, extent in zip(places, half, strict=True)), *steps)
 
 
 def _one_step(view: GaitView, config: GaitConfig, stance: int, elapsed: float) -> float:

@@ -146,13 +146,22 @@ def test_only_planted_soles_that_bear_are_followed(law: Soles, soles: SoleState)
     assert law.followed(soles, light, None, None, CONFIG.anchor_time)[0].holds[0].z == 0.0
 
 
-def test_standing_is_lost_near_the_edge_of_the_box_around_both_soles(law: Soles, soles: SoleState) -> None:
+def test_standing_is_lost_near_the_edge_of_the_hull_of_both_soles(law: Soles, soles: SoleState) -> None:
     middle = law.middle(soles.holds)
     x_edge = float(law.half[0, 0]) * CONFIG.step_share
     y_edge = (0.1 + float(law.half[0, 1])) * CONFIG.step_share
     for edge, lost in ((-1e-3, False), (1e-3, True)):
         assert law.beyond_standing(soles.holds, middle + np.array([x_edge + edge, 0.0])) is lost
         assert law.beyond_standing(soles.holds, middle + np.array([0.0, y_edge + edge])) is lost
+
+
+def test_beside_the_line_between_feet_apart_standing_is_lost(law: Soles) -> None:
+    holds = Foothold(0.2, 0.1, 0.0), Foothold(-0.2, -0.1, 0.0)
+    middle, (length, width) = law.middle(holds), law.half[0]
+    ahead_of_the_rear_foot = law.point_of(1, holds[1]) - law.points[1] + law.centres[1] + np.array((length, -width))
+    corner_of_the_box = middle + np.array((0.2 + length, -0.1 - width))
+    for edge, beyond in ((ahead_of_the_rear_foot, False), (corner_of_the_box, True)):
+        assert law.beyond_standing(holds, middle + 0.99 * CONFIG.step_share * (edge - middle)) is beyond
 
 
 def test_the_weight_is_shared_by_the_place_of_the_zmp(law: Soles, soles: SoleState) -> None:
