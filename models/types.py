@@ -104,6 +104,7 @@ class Reference(Struct, frozen=True):
     sole_accelerations: Matrix  # world-aligned at the sole (2, 6) [m/s^2, rad/s^2]
     contacts: tuple[bool, bool] = (True, True)  # each foot is planned to bear load
     load: tuple[float, float] = (1.0, 1.0)  # allowed share of each foot's largest force, in the ratio of the loads [-]
+    load_alone: float = 0.0  # least share of the weight on a foot that bears alone [-]
     dcm: Vector | None = None  # in W, x and y (2,) [m]; None where the CoM is the reference (standing)
     dcm_velocity: Vector | None = None  # (2,) [m/s]; None where ``dcm`` is
     heading_rate: float = 0.0  # of base and torso about the vertical [rad/s]

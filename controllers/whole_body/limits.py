@@ -243,9 +243,13 @@ class WrenchConeLimit(Limit):
         matrix, bounds = self.matrix[contact], (self.lower[contact], self.upper[contact])
         fill_cone(area, self._frictions[contact], *self._forces, self._scale, matrix, *bounds)
 
-    def set_load(self, load: Sequence[float]) -> None:
-        """Set the share of its largest normal force that each contact may bear (contacts,) [-]."""
-        force_min, force_max = self._forces
+    def set_load(self, load: Sequence[float], least: float = 0.0) -> None:
+        """Set the share of its largest normal force that each contact may bear (contacts,) [-].
+
+        An active contact bears at least the share ``least`` of ``scale`` [-], or ``force_min`` if that is more.
+        """
+        force_min, force_max = max(self._forces[0], least * self._scale), self._forces[1]
+        self.lower[:, -1] = force_min / self._scale
         # The normal force is the cone's last row; twice the least force keeps an unloaded contact feasible.
         self.upper[:, -1] = [max(share * force_max, 2.0 * force_min) / self._scale for share in load]
 

@@ -8,6 +8,7 @@ from msgspec import structs
 
 from controllers.qp.contacts import ContactGains, hold_contact
 from models.config import default_config
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import RobotState
 from planners.gait.config import GaitConfig
@@ -45,6 +46,14 @@ def test_a_push_makes_a_step_quick_and_wide(g1: RobotModel) -> None:
     place = planner.footholds[planner.stance].relative(planner.footholds[foot].x, planner.footholds[foot].y)
     assert reach.width_max < side * place[1] <= reach.width_urgent + 1e-9
     assert timing.single_urgent - 1e-9 <= planner.state.step.time < timing.single_min
+
+
+def test_a_foot_that_bears_alone_bears_what_the_bodys_fall_leaves_of_the_weight(g1: RobotModel) -> None:
+    planner = in_single_support(g1)
+    config, calm = planner.config, standing(g1, shares=on_one_foot(planner.stance))
+    assert planner.step(calm, DT).load_alone == pytest.approx(1.0 - config.height_acceleration / GRAVITY)
+    loads = [planner.step(pushed(planner), DT).load_alone for _ in range(40)]
+    assert loads[-1] == pytest.approx(1.0 - config.height_acceleration_urgent / GRAVITY)
 
 
 @pytest.mark.parametrize("urgent", [True, False])

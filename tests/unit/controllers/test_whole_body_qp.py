@@ -18,6 +18,7 @@ from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.leg_clearance import LegClearanceLimit
 from controllers.whole_body.limits import JointLimit, TorqueLimit, WrenchConeLimit
 from models.config import default_config
+from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import JointTrajectory, Reference, RobotState, SolveStatus
@@ -50,6 +51,20 @@ def prepare(
     reference = structs.replace(balance.reference, contacts=contacts, sole_areas=areas)
     balance.whole_body.step(state, reference)
     return balance.whole_body, reference
+
+
+@pytest.mark.parametrize("contacts", CONTACTS[1:])
+def test_a_foot_that_bears_alone_keeps_its_load(model: RobotModel, contacts: tuple[bool, bool]) -> None:
+    """Also where the body is to fall with 0.8 of gravity; two feet may lose theirs."""
+    controller, reference = prepare(model, standing(model), contacts)
+    controller.com_task.override = np.array([0.0, 0.0, -0.8 * GRAVITY])
+    shares = []
+    for least in (0.0, 0.8):
+        controller.step(standing(model), structs.replace(reference, load_alone=least))
+        assert controller.solution.status is SolveStatus.OPTIMAL
+        shares.append(controller.wrenches[:, 2].sum() / (model.mass * GRAVITY))
+    assert shares[0] < 0.7
+    assert shares[1] == pytest.approx(0.8 if sum(contacts) == 1 else shares[0], abs=1e-3)
 
 
 @pytest.mark.parametrize("contacts", CONTACTS)
