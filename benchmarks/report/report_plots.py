@@ -117,7 +117,7 @@ def draw_speeds(reports: Reports) -> Figure | None:
         ends = np.array([low - 0.1, high + 0.1])
         axes.plot(ends, ends, color="0.5", linewidth=0.8, zorder=0, label="as commanded")
         axes.fill_between(ends, (1.0 - off) * ends, (1.0 + off) * ends, color="0.9", zorder=-1, linewidth=0.0)
-        axes.set(xlabel=f"commanded {name} [{unit}]", ylabel=f"walked, mean [{unit}]")
+        axes.set(xlabel=f"commanded {name}\n[{unit}]", ylabel=f"walked, mean [{unit}]")
         axes.grid(alpha=0.3)
     figure.axes[0].legend(fontsize=8)
     figure.suptitle(f"Walks of {walk_config().duration:.0f} s at a commanded velocity: {', '.join(walks)}", fontsize=11)

@@ -231,9 +231,9 @@ class GaitConfig:
     #: Share of a joint's torque limit that a nominal step may take, by the root of its mean square
     torque_share: Fraction
     height_rate: Positive  #: Fastest rise of the CoM height reference [m/s]
-    #: Largest of the CoM height reference; a foot that bears alone bears what it leaves of the weight [m/s^2]
-    height_acceleration: Positive
-    height_acceleration_urgent: Positive  #: ... in an urgent step [m/s^2]
+    height_acceleration: Positive  #: Largest of the CoM height reference: well below gravity, feet bear load [m/s^2]
+    #: ... in an urgent step, in which a foot that bears alone bears what this leaves of the weight [m/s^2]
+    height_acceleration_urgent: Positive
     drop_rate: Positive  #: Fastest descent of the CoM height reference [m/s]
     drop_rate_urgent: Positive  #: ... in an urgent step, whose legs have to reach far in little time [m/s]
     preview: Annotated[int, Field(ge=1, le=12)]  #: Steps that the DCM recursion looks ahead

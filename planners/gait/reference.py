@@ -71,7 +71,9 @@ class ReferenceBuilder:
             reach = height_in_reach(places, over, self.under, swinging, com, lean, yaw, leg, self.standing_height)
             height = min(height, reach)
         step = config.height_rate * dt
-        drop, most = config.drop_rate_urgent if state.step.urgent else config.drop_rate, self._acceleration(state)
+        drop, most = config.drop_rate, config.height_acceleration
+        if state.step.urgent:
+            drop, most = config.drop_rate_urgent, config.height_acceleration_urgent
         before, rates = state.body, (-drop, config.height_rate)
         height, rate = approach(before.height, before.rate, height, rates, most, dt)
         under = middle((left, right)) if swinging < 0 else state.soles.holds[state.stance]
@@ -84,11 +86,6 @@ class ReferenceBuilder:
         rise, acceleration = self._advance_rise(state, dt), (rate - before.rate) / dt
         known = _advance_relief(before.relief, relief, omega, config.height_acceleration, dt)
         return BodyState(height, ground, rate, acceleration, climb, rise, known)
-
-    def _acceleration(self, state: GaitState) -> float:
-        """Largest vertical one of the body [m/s^2]."""
-        config = self._config
-        return config.height_acceleration_urgent if state.step.urgent else config.height_acceleration
 
     @staticmethod
     def _levels(state: GaitState) -> Point:
@@ -148,7 +145,7 @@ class ReferenceBuilder:
             sole_accelerations=motions[1],
             contacts=(foot != 0, foot != 1) if single else (True, True),
             load=load,
-            load_alone=1.0 - self._acceleration(state) / GRAVITY,
+            load_alone=1.0 - self._config.height_acceleration_urgent / GRAVITY if state.step.urgent else 0.0,
             dcm=dcm,
             dcm_velocity=state.dcm.rate,
             heading_rate=0.5 * float(state.swing.velocity[3]) if single else 0.0,
