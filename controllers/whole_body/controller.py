@@ -113,7 +113,7 @@ class WholeBodyController:
         self.solver = QPSolver(solver.residual_max, solver.iterations_max, solver.soft_rho, solver.backend)
         for problem in self.builder.problems:
             self.solver.prepare(problem)
-        self._contacts: tuple[tuple[bool, ...], tuple[float, ...], float] | None = None
+        self._contacts_key: tuple[tuple[bool, ...], tuple[float, ...], float] | None = None
         self._full_areas: Matrix = np.array([foot.bearing for foot in model.feet])
         self.areas = self._full_areas.copy()
         self._areas_key: bytes | None = None
@@ -146,10 +146,10 @@ class WholeBodyController:
         """One tick from the estimated state; ``terms`` must have been updated with it (the balance law does)."""
         self._set_friction(state.friction)
         self.set_support_areas(reference.sole_areas)
-        contacts = reference.contacts, reference.load, reference.load_alone
-        if contacts != self._contacts:
-            self._contacts = contacts
-            self._change_contacts(*contacts)
+        key = reference.contacts, reference.load, reference.load_alone
+        if key != self._contacts_key:
+            self._contacts_key = key
+            self._change_contacts(*key)
         self.problem = self.builder.build(self.terms, reference)
         self.solution = solution = self.solver.solve(self.problem)
         if solution.z is None:
@@ -170,7 +170,7 @@ class WholeBodyController:
         key = b"" if areas is None else areas.tobytes()
         if key == self._areas_key:  # bytes, since comparing arrays takes 20 us of every tick
             return False
-        self._areas_key, self._contacts = key, None
+        self._areas_key, self._contacts_key = key, None
         self.areas[:] = self._full_areas if areas is None else areas
         for contact, area in enumerate(self.areas):
             area[:] = within(area.tolist(), self.model.feet[contact].bearing)
@@ -187,9 +187,9 @@ class WholeBodyController:
             self.friction, self._areas_key = friction, None
             self._cones.set_friction(friction)
 
-    def _change_contacts(self, contacts: tuple[bool, ...], load: tuple[float, ...], alone: float) -> None:
+    def _change_contacts(self, contacts: tuple[bool, ...], load: tuple[float, ...], load_alone: float) -> None:
         """Activate the tasks of the swing feet; set target wrenches to the planned load in the middle of each area."""
-        self._cones.set_load(load, alone if sum(contacts) == 1 else 0.0)
+        self._cones.set_load(load, load_alone if sum(contacts) == 1 else 0.0)
         for foot, free in zip(self._feet, self.builder.edges.free, strict=True):
             foot.release(None if not contacts[foot.foot] else free)
         shares = [share if contact else 0.0 for share, contact in zip(load, contacts, strict=True)]

@@ -217,8 +217,8 @@ class WrenchConeLimit(Limit):
     """Wrenches that flat rectangular contacts can bear without moving, with a Coulomb coefficient of each contact [-].
 
     ``margin`` is taken off every side of the rectangles [m]; an active contact bears from ``force_min`` to
-    ``force_max`` [N] of normal force. Rows and bounds are divided by the force ``scale`` [N], so that absolute
-    tolerances of the solvers suit every robot.
+    ``force_max`` [N] of normal force, or within what ``set_load`` sets. Rows and bounds are divided by the force
+    ``scale`` [N], so that absolute tolerances of the solvers suit every robot.
     """
 
     name = "wrench_cone"
@@ -249,8 +249,8 @@ class WrenchConeLimit(Limit):
         An active contact bears at least the share ``least`` of ``scale`` [-], or ``force_min`` if that is more.
         """
         force_min, force_max = max(self._forces[0], least * self._scale), self._forces[1]
-        self.lower[:, -1] = force_min / self._scale
         # The normal force is the cone's last row; twice the least force keeps an unloaded contact feasible.
+        self.lower[:, -1] = force_min / self._scale
         self.upper[:, -1] = [max(share * force_max, 2.0 * force_min) / self._scale for share in load]
 
     def size(self, contacts: int) -> int:

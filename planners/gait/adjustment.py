@@ -84,7 +84,7 @@ class _Underway(NamedTuple):
     """A step under way; times since its lift-off [s], as in ``StepProblem``."""
 
     foot: int  #: The swing foot
-    region: int  #: A ``Region``, as a number: of an enum, numba finds out the type in Python, in 20 us
+    region: int  #: A ``Region`` as an int: numba infers the type of an enum argument in Python, which takes 20 us
     kept: bool  #: The foot is on its way there: what it no longer reaches in time does not exclude the region
     ends: bool  #: The walk ends with the previewed steps: chooses the weights
     omega: float

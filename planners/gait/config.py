@@ -6,6 +6,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, Fraction, NonNegative, Positive, Proportion, Share
+from models.constants import GRAVITY
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -233,7 +234,7 @@ class GaitConfig:
     height_rate: Positive  #: Fastest rise of the CoM height reference [m/s]
     height_acceleration: Positive  #: Largest of the CoM height reference: well below gravity, feet bear load [m/s^2]
     #: ... in an urgent step, in which a foot that bears alone bears what this leaves of the weight [m/s^2]
-    height_acceleration_urgent: Positive
+    height_acceleration_urgent: Annotated[float, Field(gt=0.0, lt=GRAVITY)]
     drop_rate: Positive  #: Fastest descent of the CoM height reference [m/s]
     drop_rate_urgent: Positive  #: ... in an urgent step, whose legs have to reach far in little time [m/s]
     preview: Annotated[int, Field(ge=1, le=12)]  #: Steps that the DCM recursion looks ahead

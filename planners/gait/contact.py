@@ -30,7 +30,7 @@ from planners.gait.footsteps import (
 from planners.gait.measurement import Measurement
 from planners.gait.route import Footstep
 
-Places = tuple[float, float, float]
+Extents = tuple[float, float, float]  #: Along the normals of the hull of both soles, a pair of edges each [m]
 
 
 class AnchorLimits(NamedTuple):
@@ -96,8 +96,8 @@ class Soles:
         left, right = (float(np.linalg.norm(dcm - self.point_of(foot, holds[foot]))) for foot in range(2))
         return 0 if left < right else 1
 
-    def standing_support(self, holds: Feet, dcm: Vector) -> tuple[Places, Places]:
-        """DCM from the middle of the hull of both soles along the normals of its edges, and half its extents [m].
+    def standing_support(self, holds: Feet, dcm: Vector) -> tuple[Extents, Extents]:
+        """Distance of a DCM from the middle of the hull of both soles along its normals, and half its extents [m].
 
         The soles count as if both had their mean heading. Then the hull has six edges, in pairs: along that heading,
         across it, and along the line from foot to foot.
@@ -256,7 +256,7 @@ def _follow(
 
 
 @njit(cache=True)
-def _standing_support(left: Pose, right: Pose, dcm: Vector, centres: Matrix, half: Matrix) -> tuple[Places, Places]:
+def _standing_support(left: Pose, right: Pose, dcm: Vector, centres: Matrix, half: Matrix) -> tuple[Extents, Extents]:
     """``Soles.standing_support`` of the poses of the soles."""
     first = point_at(left[0], left[1], left[2], centres[0, 0], centres[0, 1])
     second = point_at(right[0], right[1], right[2], centres[1, 0], centres[1, 1])

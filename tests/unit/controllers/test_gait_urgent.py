@@ -48,7 +48,7 @@ def test_a_push_makes_a_step_quick_and_wide(g1: RobotModel) -> None:
     assert timing.single_urgent - 1e-9 <= planner.state.step.time < timing.single_min
 
 
-def test_in_an_urgent_step_a_foot_that_bears_alone_bears_what_the_bodys_fall_leaves_of_the_weight(
+def test_in_an_urgent_step_a_foot_that_bears_alone_bears_what_the_fall_leaves_of_the_weight(
     g1: RobotModel,
 ) -> None:
     planner = in_single_support(g1)

@@ -59,12 +59,13 @@ def test_a_foot_that_bears_alone_keeps_its_load(model: RobotModel, contacts: tup
     controller, reference = prepare(model, standing(model), contacts)
     controller.com_task.override = np.array([0.0, 0.0, -0.8 * GRAVITY])
     shares = []
-    for least in (0.0, 0.8):
+    for least in (0.0, 0.8, 0.0):
         controller.step(standing(model), structs.replace(reference, load_alone=least))
         assert controller.solution.status is SolveStatus.OPTIMAL
         shares.append(controller.wrenches[:, 2].sum() / (model.mass * GRAVITY))
     assert shares[0] < 0.7
     assert shares[1] == pytest.approx(0.8 if sum(contacts) == 1 else shares[0], abs=1e-3)
+    assert shares[2] == pytest.approx(shares[0], abs=1e-3)
 
 
 @pytest.mark.parametrize("contacts", CONTACTS)

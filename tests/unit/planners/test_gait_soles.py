@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from msgspec import structs
+from scipy.spatial import Delaunay
 
 from models.config import default_config
 from models.robot_model import RobotModel
@@ -153,6 +154,23 @@ def test_standing_is_lost_near_the_edge_of_the_hull_of_both_soles(law: Soles, so
     for edge, lost in ((-1e-3, False), (1e-3, True)):
         assert law.beyond_standing(soles.holds, middle + np.array([x_edge + edge, 0.0])) is lost
         assert law.beyond_standing(soles.holds, middle + np.array([0.0, y_edge + edge])) is lost
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_standing_support_is_the_hull_of_both_soles(law: Soles, seed: int) -> None:
+    rng, yaw = np.random.default_rng(seed), 0.4 * seed
+    holds = tuple(Foothold(*rng.uniform(-0.3, 0.3, 2), yaw) for _ in range(2))
+    rows = [
+        hold.moved(*(law.centres[foot] + law.half[foot] * (x, y)))
+        for foot, hold in enumerate(holds)
+        for x in (-1.0, 1.0)
+        for y in (-1.0, 1.0)
+    ]
+    hull = Delaunay(np.array(rows))
+    for dcm in rng.uniform(-0.5, 0.5, (200, 2)):
+        places, half = law.standing_support(holds, dcm)
+        inside = all(place < extent for place, extent in zip(places, half, strict=True))
+        assert inside == (hull.find_simplex(dcm) >= 0)
 
 
 def test_beside_the_line_between_feet_apart_standing_is_lost(law: Soles) -> None:
