@@ -66,8 +66,8 @@ class QPSolver:
     1. The back-end. The own solver tries the unconstrained minimum, then the minimum subject to the rows that were
        active on the last tick and those that its answers violate: few of a hundred rows are ever active.
     2. daqp, then quadprog.
-    3. daqp with soft rows: joint limits are relaxed at the cost ``|violation|^2 / (2 rho)``, torque limits and wrench
-       cones stay hard.
+    3. daqp with soft rows: joint limits and the bounds of normal forces are relaxed at the cost
+       ``|violation|^2 / (2 rho)``, torque limits and the other rows of the wrench cones stay hard.
 
     ``residual_max`` is the largest accepted KKT residual, ``iterations_max`` and ``soft_rho`` are of daqp, ``backend``
     is one of ``backends()``, which a ``ConfigError`` lists.

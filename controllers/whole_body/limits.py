@@ -36,6 +36,10 @@ class Limit(ABC):
     def size(self, contacts: int) -> int:
         """Number of rows while this many contacts are active."""
 
+    def soft_rows(self, contacts: int) -> NDArray[np.bool_]:
+        """Which rows a relaxed solve may violate, while this many contacts are active."""
+        return np.full(self.size(contacts), self.soft)
+
     def reset(self) -> None:  # noqa: B027
         """Forget what was kept from earlier ticks."""
 
@@ -256,6 +260,12 @@ class WrenchConeLimit(Limit):
     def size(self, contacts: int) -> int:
         """``CONE_ROWS`` an active contact, one cone below the other."""
         return CONE_ROWS * contacts
+
+    def soft_rows(self, contacts: int) -> NDArray[np.bool_]:
+        """The bounds of the normal force; friction still keeps it from pulling."""
+        rows = super().soft_rows(contacts)
+        rows[CONE_ROWS - 1 :: CONE_ROWS] = True
+        return rows
 
 
 @njit(cache=True, forceinline=True, fastmath={"contract"})

@@ -206,7 +206,7 @@ def _make_mode(reduction: Reduction, limits: BodyLimits, extra: Sequence[RowLimi
     nz, all_limits = reduction.maps.shape[2], [*limits, *extra]
     sizes = [limit.size(len(reduction.active)) for limit in all_limits]
     total = sum(sizes)
-    soft = np.repeat([limit.soft for limit in all_limits], sizes)
+    soft = np.concatenate([limit.soft_rows(len(reduction.active)) for limit in all_limits])
     qp = QP(np.zeros((nz, nz)), np.zeros(nz), np.zeros((total, nz)), np.zeros(total), np.zeros(total), soft)
     spans = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes), strict=True)]
     joints, cones, torque, *others = (Rows(qp.matrix[span], qp.lower[span], qp.upper[span]) for span in spans)

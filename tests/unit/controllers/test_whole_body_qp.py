@@ -68,6 +68,14 @@ def test_a_foot_that_bears_alone_keeps_its_load(model: RobotModel, contacts: tup
     assert shares[2] == pytest.approx(shares[0], abs=1e-3)
 
 
+def test_a_load_that_the_leg_cannot_bear_is_relaxed_in_the_same_tick(model: RobotModel) -> None:
+    controller, reference = prepare(model, standing(model), (True, False))
+    controller.step(standing(model), structs.replace(reference, load_alone=20.0))
+    assert controller.solution.status is SolveStatus.RELAXED
+    assert 0.0 < controller.wrenches[0, 2] < 20.0 * model.mass * GRAVITY
+    assert (abs(controller.torque) <= model.tau_max).all()
+
+
 @pytest.mark.parametrize("contacts", CONTACTS)
 @pytest.mark.parametrize("seed", range(3))
 def test_solution_obeys_physics(model: RobotModel, contacts: tuple[bool, bool], seed: int) -> None:
