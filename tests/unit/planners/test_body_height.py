@@ -85,7 +85,7 @@ def test_a_wide_step_lowers_the_body_and_leaves_half_of_the_weight_on_the_feet(r
     rows, urgent = heights(model, urgent=False), heights(model, urgent=True)
     assert rows[-1, 0] < rows[0, 0] - 0.02
     assert np.abs(rows[:, 2]).max() < 0.5 * GRAVITY  # at 0.8 of it TALOS' feet lost all load
-    config = load_gait_config(model)
-    assert urgent[:, 2].min() == pytest.approx(-config.height_acceleration_urgent)
-    if robot == "g1":  # TALOS' stance hip would lose its load
-        assert urgent[50, 0] < rows[50, 0] - 5e-3  # a leg has to reach far in little time
+    assert np.abs(urgent[:, 2]).max() < GRAVITY
+    config, time = load_gait_config(model), 51 * DT
+    more = config.height_acceleration_urgent - config.height_acceleration  # less for TALOS, whose hip is weak
+    assert rows[50, 0] - urgent[50, 0] == pytest.approx(0.5 * more * time**2, rel=0.05)
