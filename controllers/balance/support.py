@@ -86,8 +86,8 @@ def cmp_command(
 
     Inside, ankles suffice and the CMP is a CoP, ``margin`` from the edge. A DCM that nears or passes the edge can only
     be brought back by a CMP beyond it, which costs angular momentum: the reach grows by ``momentum_gain`` with the
-    DCM's depth past ``momentum_margin`` [m], or past the middle of a narrow polygon, where the nearest edge changes and
-    with it the direction. Writes the CMP (2,) and returns the capture margin: distance of the DCM inside the edge [m].
+    DCM's depth past ``momentum_margin`` [m], or outside the middle fifth of a narrow polygon, where the nearest edge
+    changes and with it the direction. Writes the CMP (2,) and returns the capture margin: distance of the DCM inside the edge [m].
     """
     work = np.zeros(4)
     if edge_distance(hull, count, desired[0], desired[1], margin, work) > 0.0:
@@ -99,7 +99,7 @@ def cmp_command(
     for i in range(count):
         along = hull[i, 0] * work[2] + hull[i, 1] * work[3]
         low, high = min(low, along), max(high, along)
-    begin = min(momentum_margin, 0.5 * (high - low))
+    begin = min(momentum_margin, 0.4 * (high - low))
     reach = min(max(momentum_gain * (depth + begin), 0.0), momentum_reach_max)
     out[0] += reach * work[2]
     out[1] += reach * work[3]

@@ -159,7 +159,7 @@ class DcmFeedback:
 
     dcm_gain: Positive  #: Feedback of the DCM error, as k in ``p = xi + k (xi - xi_ref)`` [-]
     polygon_margin: NonNegative  #: Distance the commanded CoP keeps from the edge of the support polygon [m]
-    #: Distance of the DCM from the edge at which arms and hips start to help; at most half the support [m]
+    #: Distance of the DCM from the edge at which arms and hips start to help; at most 0.4 of the support [m]
     momentum_margin: Annotated[float, Field(ge=-0.2, le=0.2)]
     momentum_gain: NonNegative  #: Commanded CMP beyond the edge per metre past that distance [-]
     momentum_reach_max: NonNegative  #: Farthest commanded CMP beyond the edge [m]
