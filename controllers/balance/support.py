@@ -87,7 +87,8 @@ def cmp_command(
     Inside, ankles suffice and the CMP is a CoP, ``margin`` from the edge. A DCM that nears or passes the edge can only
     be brought back by a CMP beyond it, which costs angular momentum: the reach grows by ``momentum_gain`` with the
     DCM's depth past ``momentum_margin`` [m], or outside the middle fifth of a narrow polygon, where the nearest edge
-    changes and with it the direction. Writes the CMP (2,) and returns the capture margin: distance of the DCM inside the edge [m].
+    changes and with it the direction. Writes the CMP (2,) and returns the capture margin: distance of the DCM inside
+    the edge [m].
     """
     work = np.zeros(4)
     if edge_distance(hull, count, desired[0], desired[1], margin, work) > 0.0:
