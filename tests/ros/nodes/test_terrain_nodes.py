@@ -208,14 +208,14 @@ def test_clouds_become_a_map_and_patches_in_odom(bench: Any, g1: RobotModel, typ
     mapper = bench.add(TerrainMapperNode)
     world = World(bench, g1)
     world.receive_maps(types)
-    world.until(lambda: len(world.maps) > 5 and world.patches)
+    # the first of each is of a map that no cloud has reached
+    world.until(lambda: len(world.maps) > 5 and any(message.patches for message in world.patches))
     message = world.maps[-1]
     assert (message.header.frame_id, message.layers) == (topics.ODOM_FRAME, ["elevation", "variance", "age"])
     elevation, n = layer_of(message, "elevation"), 150
     ahead = elevation[n // 2 + 25 : n // 2 + 50, n // 2 - 15 : n // 2 + 15]  # 0.5 to 1 m ahead
     assert elevation.shape == (n, n) and np.isfinite(ahead).mean() > 0.9
     assert np.sqrt(np.nanmean(ahead**2)) < 0.015
-    assert world.patches[-1].patches
     world.drift = 0.5  # the ground goes with the feet
     world.maps.clear()
     world.until(lambda: len(world.maps) > 3)
