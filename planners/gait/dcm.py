@@ -225,11 +225,14 @@ class DcmState(Struct, frozen=True):
         """Single support on the ZMP point (2,) [m] of a foot; see ``single_support``."""
         return DcmState(dcm, rate, self.start, point)
 
-    def in_double(self, new: Vector, end: Vector, omega: float, elapsed: float, duration: float) -> DcmState:
-        """Double support from the last stance foot to the new one; see ``double_support``.
+    def in_double(self, new: Vector, touchdown: Vector, omega: float, elapsed: float, duration: float) -> DcmState:
+        """Double support from the last stance foot to the new one, and the DCM at the planned ``touchdown`` (2,) [m].
 
         ``elapsed`` counts from the planned touchdown [s]. It is negative after an early one: the pendulum then runs on
-        as in single support, to its state at the planned touchdown.
+        as in single support. The reference goes on from where it is wherever the foot has come down, as the ZMP moves
+        to the foot (``transfer_share``): the next step makes up for an error of the foothold, not this short time.
         """
+        moved = transfer_share(omega, duration) * (new - self.old)
+        end = new + math.exp(omega * duration) * (touchdown - self.old - moved)
         dcm, rate = double_support(self.old, new, end, omega, elapsed, duration)
         return DcmState(dcm, rate, self.start, self.old)

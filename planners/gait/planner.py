@@ -238,10 +238,9 @@ class GaitPlanner:
         gait, measured = self.state, self.state.measured
         landed = gait.stance if gait.phase is GaitPhase.DOUBLE else None
         gait.soles, (x, y) = self._soles.followed(gait.soles, measured, swinging, landed, dt)
-        gait.dcm = gait.dcm.shifted(np.array((x, y)))
-        if swinging is None:  # the next lift-off sets them
-            return
-        gait.swing, gait.step = gait.swing.shifted(x, y), gait.step.shifted(x, y)
+        gait.dcm, gait.step = gait.dcm.shifted(np.array((x, y))), gait.step.shifted(x, y)
+        if swinging is not None:  # the next lift-off sets it
+            gait.swing = gait.swing.shifted(x, y)
 
     def _in_stand(self, dt: float) -> None:
         gait = self.state
@@ -263,7 +262,8 @@ class GaitPlanner:
 
     def _in_start(self) -> None:
         gait, duration = self.state, self.config.timing.start
-        end, omega = self._end_of_shift(), gait.omega
+        omega, walk = gait.omega, walk_of(gait, gait.soles.holds[1 - gait.stance])
+        end = self._single.plan.start_of_single(walk)
         rate = omega * (end - self._soles.stance_point(gait.soles, gait.stance))
         gait.dcm = gait.dcm.blended(end, rate, gait.elapsed, duration)
         if self.must_step:
@@ -273,8 +273,8 @@ class GaitPlanner:
 
     def _in_double(self) -> None:
         gait, duration = self.state, self.state.step.double
-        elapsed, end, omega = gait.elapsed - gait.early, self._end_of_shift(), gait.omega
-        gait.dcm = gait.dcm.in_double(self._soles.stance_point(gait.soles, gait.stance), end, omega, elapsed, duration)
+        elapsed, point = gait.elapsed - gait.early, self._soles.stance_point(gait.soles, gait.stance)
+        gait.dcm = gait.dcm.in_double(point, gait.step.touchdown, gait.omega, elapsed, duration)
         rear, front = gait.soles.holds[1 - gait.stance], gait.soles.holds[gait.stance]
         ahead = rear.relative(front.x, front.y)[0]
         gait.toe_off = self._footing.toe_off(1 - gait.stance, ahead, gait.pace.toe_off, elapsed, duration)
@@ -298,10 +298,6 @@ class GaitPlanner:
         """Blend to rest: the DCM reference of phases ``STAND`` and ``FINISH``."""
         gait = self.state
         gait.dcm = gait.dcm.blended(self._rest_dcm, _STILL, gait.elapsed, self.config.timing.finish)
-
-    def _end_of_shift(self) -> Vector:
-        """DCM at which the coming single support begins (2,) [m]."""
-        return self._single.plan.start_of_single(walk_of(self.state, self.state.soles.holds[1 - self.stance]))
 
     def _relief_dcm(self) -> float:
         """Vertical DCM by the known heights of the coming footholds [m]."""

@@ -23,9 +23,11 @@ def in_single(point: np.ndarray, end: np.ndarray, omega: float, left: float) -> 
     return out[0], out[1]
 
 
-def integrate(start: np.ndarray, old: np.ndarray, new: np.ndarray, steps: int = 20000) -> np.ndarray:
+def integrate(
+    start: np.ndarray, old: np.ndarray, new: np.ndarray, single: float = SINGLE, steps: int = 20000
+) -> np.ndarray:
     """The pendulum ``xi' = omega (xi - p)`` through one double and one single support (midpoint rule)."""
-    xi, h = start.copy(), (SINGLE + DOUBLE) / steps
+    xi, h = start.copy(), (single + DOUBLE) / steps
     for i in range(steps):
         share = min((i + 0.5) * h / DOUBLE, 1.0)
         zmp = old + share * (new - old)
@@ -75,6 +77,20 @@ def test_rates_are_the_derivatives(t: float) -> None:
     first = dcm.blend(*states, t + 0.1, 0.5)
     second = dcm.blend(*states, t + 0.1 + h, 0.5)
     assert (second[0] - first[0]) / h == pytest.approx(first[1], abs=1e-4)
+
+
+@pytest.mark.parametrize("early", [0.0, 0.05])
+@pytest.mark.parametrize("missed", [(0.0, 0.0), (-0.07, 0.01), (0.05, -0.03)])
+def test_the_reference_goes_on_wherever_a_foot_comes_down(early: float, missed: tuple[float, float]) -> None:
+    touchdown, new = POINTS[1] + touchdown_offset(POINTS), POINTS[1] + missed
+    swinging = in_single(POINTS[0], touchdown, OMEGA, early)
+    before = dcm.DcmState.at_rest(touchdown).in_single(POINTS[0], *swinging)
+    landed = before.in_double(new, touchdown, OMEGA, -early, DOUBLE)
+    assert landed.dcm == pytest.approx(before.dcm, abs=1e-12)
+    assert landed.zmp(OMEGA) == pytest.approx(POINTS[0], abs=1e-12)
+    lifting = before.in_double(new, touchdown, OMEGA, DOUBLE, DOUBLE)
+    assert lifting.zmp(OMEGA) == pytest.approx(new, abs=1e-12)
+    assert lifting.dcm == pytest.approx(integrate(touchdown, POINTS[0], new, 0.0), abs=1e-4)
 
 
 def test_phases_join_without_a_jump_of_dcm_or_zmp() -> None:
