@@ -236,7 +236,7 @@ def teleop(
         else:
             say("  ".join(f"{'space' if key == ' ' else key}: {meaning}" for key, meaning in config.keys.items()))
         operator = Operator(client, say, signer)
-        stack.callback(operator.drive, None)  # in any case: zero, then silence
+        stack.callback(operator.leave)  # in any case: zero, then silence
         commander = [""]
         client.node.create_subscription(
             String, topics.COMMANDER, lambda message: commander.__setitem__(0, message.data), LATCHED

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Twist, WrenchStamped
+from rclpy.duration import Duration
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -18,6 +19,7 @@ from models.nodes.qos import COMMAND, EVENT
 from models.types import Vector, Velocity
 
 SOURCE = "teleop"  #: The operator's source of commands (controllers/config/arbitration.yaml)
+LEAVE_TIMEOUT = 1.0  #: For the last commands to arrive [s]
 #: Buttons and the services that they call
 MODE_SERVICES = {
     "stand": "mode/stand",
@@ -79,6 +81,12 @@ class Operator:
             else:  # a Twist cannot be signed
                 self._publish_word("velocity {:.6f} {:.6f} {:.6f}".format(*given))
         self._driving = velocity is not None
+
+    def leave(self) -> None:
+        """Publish zero if a velocity was commanded, and wait until it has arrived: this process may end next."""
+        self.drive(None)
+        for publisher in (self._velocities, self._words):
+            publisher.wait_for_all_acked(Duration(seconds=LEAVE_TIMEOUT))
 
     def push(self, force: Vector) -> None:
         """Push the base of the simulated robot with a force in W (3,) [N]."""

@@ -207,7 +207,7 @@ class Page:
         with ExitStack() as stack:
             stack.callback(self._server.stop)
             stack.callback(self._listener.close)
-            self._operator.drive(None)
+            self._operator.leave()
 
     def _show(self, *, plot: bool) -> None:
         snapshot = self._listener.poll()
