@@ -46,7 +46,7 @@ def test_a_lifted_robot_freezes_and_stands_once_it_is_put_down(robot: str, seed:
         hoist(loop, -0.05, 0.05)
         if loop.plant.load > 0.95 * loop.robot.mass * GRAVITY:
             break
-    assert tilt_error(loop) < 0.04  # [rad] as quiet as at rest, but moving: that it rests within 1 cm/s turned it by 0.15
+    assert tilt_error(loop) < 0.04  # [rad] it moved as quietly as if at rest; "at rest within 1 cm/s" turned it by 0.15
     loop.plant.release()
     loop.run(1.5)
     assert not loop.fallen and loop.mode is Mode.WALK
