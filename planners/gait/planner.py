@@ -238,7 +238,9 @@ class GaitPlanner:
         gait, measured = self.state, self.state.measured
         landed = gait.stance if gait.phase is GaitPhase.DOUBLE else None
         gait.soles, (x, y) = self._soles.followed(gait.soles, measured, swinging, landed, dt)
-        gait.dcm, gait.step = gait.dcm.shifted(np.array((x, y))), gait.step.shifted(x, y)
+        gait.dcm = gait.dcm.shifted(np.array((x, y)))
+        if gait.phase.stepping:
+            gait.step = gait.step.shifted(x, y)
         if swinging is not None:  # the next lift-off sets it
             gait.swing = gait.swing.shifted(x, y)
 

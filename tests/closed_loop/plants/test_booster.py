@@ -160,17 +160,16 @@ def test_a_remote_controller_that_sends_events_alone_may_be_silent_for_longer() 
 
 
 def test_a_robot_that_is_lowered_sinks_and_ends_in_its_own_damping(profiles: tuple[Path, Path], tmp_path: Path) -> None:
-    """Some seeds end lying at 0.12 of the height, others propped on their limbs at 0.32 to 0.39."""
-    standing = started(BoosterLoop(tmp_path / "marker", laws=profiles[1], robot=profiles[0], seed=0))
+    """Seeds 3 and 5 end lying at 0.15 of the height, 0 to 2 and 4 propped on their limbs at 0.31 to 0.39."""
+    standing = started(BoosterLoop(tmp_path / "marker", laws=profiles[1], robot=profiles[0], seed=3))
     ending, height = default_config(EndConfig, "bridge", "ending"), standing.robot.standing_configuration()[2]
     standing.command(ending.motion)
     standing.run(5.0)
-    lowered = standing.side.base[2]
-    assert standing.startup.state is StartState.STAND and lowered < 0.6 * height
+    assert standing.startup.state is StartState.STAND and standing.side.base[2] < 0.6 * height
     standing.drivers.relax()
     standing.run(standing.startup.config.relax_time + ending.sink_time)
     assert standing.startup.state is StartState.DAMPED and "lowered" in standing.startup.reason
-    assert standing.side.base[2] < 0.8 * lowered and damping(standing)
+    assert standing.side.base[2] < 0.3 * height and damping(standing)
     standing.plant.close()
     assert standing.side.mode == DAMPING
 
