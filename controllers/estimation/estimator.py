@@ -110,7 +110,7 @@ class StateEstimator:
         self._unobserved = 0.0
         self._ready = False
         self._level_due = True
-        self._t = 0.0
+        self._t = self._started = 0.0
         encoders = model.profile.sensors.encoders
         joint_variance = (kinematics.encoder_steps * encoders.resolution) ** 2 + encoders.offset**2
         self._variances = np.array([joint_variance, encoders.velocity_noise**2, 0.0])
@@ -172,7 +172,7 @@ class StateEstimator:
         self._kinematics.update(self._buffer.joints[0])
         self.filter.initialise(self._kinematics.soles, self._kinematics.imu.rotation, self._buffer.imu[1])
         self.health = EstimatorHealth()
-        self._t = sensors.t
+        self._t = self._started = sensors.t
         self._variances[2] = self.config.imu.gyro_noise**2 / NOMINAL_STEP
         self._ready = True
         self._level_due = True
@@ -216,7 +216,8 @@ class StateEstimator:
             health.foot_sensors, health.slips = feet.states, (int(slips[0]), int(slips[1]))
             health.sensor_faults = int(feet.counts[0]), int(feet.counts[1])
         if not missing & ~BAD_FEET and self._at_rest():
-            health.rejected += self.filter.measure_rest()
+            rest, moved = self.config.rest, self._t - self._started > self.config.rest.time
+            health.rejected += self.filter.measure_rest(rest.moved**2 / dt if moved else rest.velocity**2)
         if self._level_due and self._contacts.confidence.min() >= 1.0:
             health.rejected += self.filter.measure_level()
             self._level_due = False

@@ -91,7 +91,6 @@ class InvariantFilter:
         self._config = config
         self.state = FilterState.zero()
         self._error = np.zeros(SIZE)
-        self._rest_noise = np.eye(3) * config.rest.velocity**2
         # Both soles stand on the same floor, so its slope is common to them.
         common = np.tile(np.eye(2, dtype=np.float64), (2, 2)) * config.initial.floor**2  # (4, 4)
         self._level_noise: Matrix = common + np.eye(4) * config.initial.sole**2
@@ -175,9 +174,9 @@ class InvariantFilter:
             covariance[np.ix_(rows, rows)] = covariance[np.ix_(_FOOT_PLUS, _FOOT_PLUS)] + noise
         covariance[:] = 0.5 * (covariance + covariance.T)
 
-    def measure_rest(self) -> int:
-        """Correct with the assumption that the robot does not move; returns 1 when unusable."""
-        return self._correct(_REST_PLUS, _REST_MINUS, self.state.vectors[0].copy(), self._rest_noise)
+    def measure_rest(self, variance: float) -> int:
+        """Correct with a velocity of zero, known with ``variance`` [m^2/s^2]; returns 1 when unusable."""
+        return self._correct(_REST_PLUS, _REST_MINUS, self.state.vectors[0].copy(), np.eye(3) * variance)
 
     def measure_level(self) -> int:
         """Correct with the assumption that both soles stand on a floor that is about level; returns 1 when unusable.
