@@ -156,9 +156,8 @@ class RestConfig:
     gyro: Positive  #: angular rate below which it is quiet [rad/s]
     accel: Positive  #: deviation of |specific force| from gravity [m/s^2]
     velocity: Positive  #: std of the assumed zero velocity, of every sample apart, for ``time`` after the start [m/s]
-    time: NonNegative  #: [s]
-    #: afterwards, when a gantry may move the robot for as long as it likes: root of the error's density [m/s*sqrt(s)]
-    moved: Positive
+    time: NonNegative  #: of that [s]
+    moved: Positive  #: afterwards, when a gantry may move the robot: root of the density of its velocity [m/s*sqrt(s)]
     #: deviation of |specific force| / gravity from 1 refused at start [-]
     accel_at_reset: Annotated[float, Field(gt=0.0, lt=1.0)]
 
