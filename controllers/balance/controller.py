@@ -290,7 +290,7 @@ class BalanceController:
         if not self._gait_started:
             self._begin(state)
         planned = gait.step(state, dt, rest, self.whole_body.terms.motion)
-        self._advance(gait.phase, planned.stiffness, dt)
+        self._advance(gait.phase, planned, dt)
         if self._share == 0.0:
             return replace(standing, sole_areas=planned.sole_areas)
         if not any(planned.contacts):
@@ -334,7 +334,7 @@ class BalanceController:
         )
         return reference, placed[8, :2], float(placed[8, 2])
 
-    def _advance(self, phase: GaitPhase, stiffness: float, dt: float) -> None:
+    def _advance(self, phase: GaitPhase, planned: Reference, dt: float) -> None:
         """Raise the share of the gait in the references while it steps, and lower it while it stands."""
         if phase is GaitPhase.STAND:
             share = max(self._share - dt / self.config.blend_out_s, 0.0)
@@ -345,11 +345,11 @@ class BalanceController:
         if share == 1.0:
             self.motions.release_legs()
         self._share = share
-        self.schedule.apply(1.0 if phase.airborne else share, stiffness)
+        self.schedule.apply(1.0 if phase.airborne else share, planned.stiffness, planned.momentum)
 
     def _set_share(self, share: float) -> None:
         self._share = share
-        self.schedule.apply(share, 1.0)
+        self.schedule.apply(share, 1.0, 0.0)
 
     def _blend(self, standing: Reference, planned: Reference, rest: Rest, phase: GaitPhase) -> Reference:
         """Arms and head of the posture; the rest goes from the posture's reference to the gait's."""

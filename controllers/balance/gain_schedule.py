@@ -10,34 +10,40 @@ from models.types import Vector
 
 @dataclass(frozen=True, slots=True)
 class ScheduledGains:
-    """One array of gains (k,): those in force, of standing, of stepping, and of slow undisturbed steps."""
+    """One array of gains (k,): those in force, of standing, of stepping, and of steps that nothing disturbs.
+
+    Between the last two counts the stiffness, or with ``by_urgency`` whether the step is urgent.
+    """
 
     live: Vector
     standing: Vector
     stepping: Vector
-    slow: Vector
+    calm: Vector
+    by_urgency: bool
 
 
 class GainSchedule:
     """Gains between standing and ``WholeBodyConfig.stepping``, linear in the ``share`` of the gait from 0 to 1 [-].
 
-    Those of stepping are linear in the ``stiffness`` of the gait's reference, likewise.
+    Those of stepping are linear in the ``stiffness`` of the gait's reference, likewise. The weight of the base is more
+    in an urgent step: a push at the pelvis and the swing leg turn the base, which then falls over feet in place.
     """
 
     def __init__(self, whole_body: WholeBodyController) -> None:
         self._config = config = whole_body.config.stepping
         self._whole_body, tasks = whole_body, whole_body.tasks
         self.gains: dict[str, ScheduledGains] = {}
-        self.share, self.stiffness = 0.0, 1.0
+        self.share, self.stiffness, self.urgency = 0.0, 1.0, 0.0
         self._momentum = tasks["angular_momentum"]
         com, momentum, base = (tasks[name].weight for name in ("com", "angular_momentum", "base_orientation"))
-        stepping, slow = com.copy(), com.copy()
-        stepping[2], slow[2] = config.com_weight_height, config.com_weight_height_slow
-        self.add("com", com, com, stepping, slow)
+        stepping, calm = com.copy(), com.copy()
+        stepping[2], calm[2] = config.com_weight_height, config.com_weight_height_slow
+        self.add("com", com, com, stepping, calm)
         stepping = momentum.copy()
         stepping[2] = config.momentum_weight_vertical / whole_body.model.mass**2
         self.add("angular_momentum", momentum, momentum, stepping)
-        self.add("base_orientation", base, base, base * 0.0 + config.base_weight)
+        urgent, calm = (np.full(len(base), weight) for weight in (config.base_weight_urgent, config.base_weight))
+        self.add("base_orientation", base, base, urgent, calm, by_urgency=True)
         joints, contacts = whole_body.body_limits.joints.bounds, whole_body.builder.contacts
         linear, angular = config.contact_linear_max, config.contact_angular_max
         for name, live, target in (
@@ -49,19 +55,30 @@ class GainSchedule:
         ):
             self.add(name, live, live, np.full(len(live), target))
 
-    def add(self, name: str, live: Vector, standing: Vector, stepping: Vector, slow: Vector | None = None) -> None:
-        """Schedule an array of gains, which is set to its standing values; ``slow`` as ``stepping`` when None."""
-        self.gains[name] = ScheduledGains(live, standing.copy(), stepping, stepping if slow is None else slow)
+    def add(
+        self,
+        name: str,
+        live: Vector,
+        standing: Vector,
+        stepping: Vector,
+        calm: Vector | None = None,
+        *,
+        by_urgency: bool = False,
+    ) -> None:
+        """Schedule an array of gains, which is set to its standing values; ``calm`` as ``stepping`` when None."""
+        calm = stepping if calm is None else calm
+        self.gains[name] = ScheduledGains(live, standing.copy(), stepping, calm, by_urgency)
         live[:] = standing
 
-    def apply(self, share: float, stiffness: float) -> None:
-        """Set the gains for a share and a stiffness [-]."""
+    def apply(self, share: float, stiffness: float, urgency: float) -> None:
+        """Set the gains for a share, a stiffness and an urgency, 1 in an urgent step [-]."""
         if share != self.share:
-            self.share, self.stiffness = share, stiffness
+            self.share, self.stiffness, self.urgency = share, stiffness, urgency
             self.update()
-        elif stiffness != self.stiffness:
-            self.stiffness = stiffness
-            self._set(self.gains["com"])
+        elif (stiffness, urgency) != (self.stiffness, self.urgency):
+            self.stiffness, self.urgency = stiffness, urgency
+            for name in ("com", "base_orientation"):
+                self._set(self.gains[name])
 
     def update(self) -> None:
         """Set the gains after a change of their standing values."""
@@ -73,5 +90,6 @@ class GainSchedule:
         self._momentum.active = bool(self._momentum.weight.any())
 
     def _set(self, gains: ScheduledGains) -> None:
-        stepping = gains.slow + self.stiffness * (gains.stepping - gains.slow)
+        part = self.urgency if gains.by_urgency else self.stiffness
+        stepping = gains.calm + part * (gains.stepping - gains.calm)
         gains.live[:] = gains.standing + self.share * (stepping - gains.standing)

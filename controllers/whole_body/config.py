@@ -121,6 +121,7 @@ class SteppingConfig:
     com_weight_height_slow: NonNegative  #: The same of a slow gait that nothing disturbs [-]
     momentum_weight_vertical: NonNegative  #: ``angular_momentum.weight_vertical`` [-]
     base_weight: NonNegative  #: ``base_orientation.weight`` [-]
+    base_weight_urgent: NonNegative  #: The same in an urgent step [-]
     contact_stiffness: NonNegative  #: ``contact.stiffness`` [1/s^2]
     contact_damping: NonNegative  #: ``contact.damping`` [1/s]
     contact_linear_max: Positive  #: ``contact.linear_max`` [m/s^2]
