@@ -345,7 +345,8 @@ class BalanceController:
         if share == 1.0:
             self.motions.release_legs()
         self._share = share
-        self.schedule.apply(1.0 if phase.airborne else share, planned.stiffness, planned.momentum)
+        urgency = planned.momentum  # 1 in an urgent step alone
+        self.schedule.apply(1.0 if phase.airborne else share, planned.stiffness, urgency)
 
     def _set_share(self, share: float) -> None:
         self._share = share

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from controllers.balance.controller import BalanceController
 from controllers.qp.contacts import ContactGains, hold_contact
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
-from models.types import RobotState
+from models.types import Mode, RobotState
 from planners.gait.config import GaitConfig
 from planners.gait.contact import Soles
 from planners.gait.measurement import GaitMeasurement
@@ -46,6 +47,22 @@ def test_a_push_makes_a_step_quick_and_wide(g1: RobotModel) -> None:
     place = planner.footholds[planner.stance].relative(planner.footholds[foot].x, planner.footholds[foot].y)
     assert reach.width_max < side * place[1] <= reach.width_urgent + 1e-9
     assert timing.single_urgent - 1e-9 <= planner.state.step.time < timing.single_min
+
+
+def test_the_base_has_more_weight_while_a_step_is_urgent(g1: RobotModel) -> None:
+    planner, controller = GaitPlanner(g1), BalanceController(g1)
+    controller.set_gait(planner)
+    controller.reset(standing(g1))
+    controller.enter(Mode.WALK)
+    weight, stepping = controller.whole_body.tasks["base_orientation"].weight, controller.whole_body.config.stepping
+    planner.set_velocity(0.3, 0.0, 0.0)
+    while planner.phase is not GaitPhase.SINGLE:
+        controller.step(standing(g1), DT)
+    for _ in range(40):
+        controller.step(pushed(planner, on_one_foot(planner.stance)), DT)
+    assert planner.state.step.urgent and weight == pytest.approx(np.full(3, stepping.base_weight_urgent))
+    controller.schedule.apply(1.0, 1.0, 0.0)
+    assert weight == pytest.approx(np.full(3, stepping.base_weight))
 
 
 def test_in_an_urgent_step_a_foot_that_bears_alone_bears_what_the_fall_leaves_of_the_weight(
