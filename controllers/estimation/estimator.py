@@ -216,8 +216,9 @@ class StateEstimator:
             health.foot_sensors, health.slips = feet.states, (int(slips[0]), int(slips[1]))
             health.sensor_faults = int(feet.counts[0]), int(feet.counts[1])
         if not missing & ~BAD_FEET and self._at_rest():
-            rest, moved = self.config.rest, self._t - self._started > self.config.rest.time
-            health.rejected += self.filter.measure_rest(rest.moved**2 / dt if moved else rest.velocity**2)
+            rest = self.config.rest
+            starts = self._t - self._started <= rest.time
+            health.rejected += self.filter.measure_rest(rest.velocity**2 if starts else rest.moved**2 / dt)
         if self._level_due and self._contacts.confidence.min() >= 1.0:
             health.rejected += self.filter.measure_level()
             self._level_due = False
