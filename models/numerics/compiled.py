@@ -22,6 +22,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
+from uuid import uuid4
 
 import numba
 from numba import njit
@@ -92,7 +93,16 @@ def _cache_folder() -> Path:
 
 
 class _Index(caching.IndexDataCacheFile):
-    """Index of a kernel's machine code; one that names types of another version of the project counts as empty."""
+    """Index of a kernel's machine code; one that names types of another version of the project counts as empty.
+
+    Two processes that compile a kernel for other types at the same time would choose the same number, and one would
+    take the other's machine code for its own. Here a file of machine code is written for one key alone, and of two
+    indexes written at the same time the later one stays.
+    """
+
+    def _data_name(self, number: int) -> str:
+        name: str = super()._data_name(uuid4().int)
+        return name
 
     def _load_index(self) -> dict[Any, Any]:
         try:

@@ -131,7 +131,8 @@ class Commands:
         steps = plan_to_pose(goal, soles, self._config, foot)
         if current is not None:
             steps.insert(0, current)
-        return structs.replace(state, route=route_of(steps, goal), target=STILL, velocity=STILL)
+        route = route_of(steps, goal, self._config.route.steps_more)
+        return structs.replace(state, route=route, target=STILL, velocity=STILL)
 
     def take_steps(
         self,

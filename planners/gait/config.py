@@ -162,6 +162,8 @@ class RouteConfig:
     offset_max: Positive  #: Landing error beyond which the route to the goal is planned anew [m]
     range: Positive  #: Farthest goal [m]
     steps_max: Annotated[int, Field(ge=1, le=1000)]  #: Most footsteps in a route
+    #: Footsteps more than twice those planned after which a goal is given up, when feet still land off their places
+    steps_more: Annotated[int, Field(ge=0, le=1000)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

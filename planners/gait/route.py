@@ -251,7 +251,8 @@ class Route(Struct, frozen=True):
     """Remaining footsteps of a walk to a goal, or of listed footsteps.
 
     They are fixed in W: the next steps correct what one step misses, after a push or a slip, as far as the reach
-    allows. A route to a goal is planned anew when a foot lands farther than ``offset_max`` from its place.
+    allows. A route to a goal is planned anew when a foot lands farther than ``offset_max`` from its place, and given up
+    when it has taken ``steps_more`` footsteps more than twice those of the first plan.
     """
 
     steps: tuple[Footstep, ...] = ()  # empty without a route
@@ -259,6 +260,7 @@ class Route(Struct, frozen=True):
     outcome: str = ""  # why the last route ended, ``done`` after all its steps; empty before and meanwhile
     crouch: float = 0.0  # by which known heights and long steps lower the body, see ``crouch_between`` [m]
     swing: float = 0.0  # least nominal single support, by the known height that a foot is lifted over [s]
+    patience: int = 0  # touchdowns after which it is not planned anew
 
     @property
     def left(self) -> int:
@@ -297,18 +299,21 @@ class Route(Struct, frozen=True):
         """After the next step, with the soles there now."""
         step, steps, outcome = self.steps[0], self.steps[1:], self.outcome
         hold = soles[step.foot]
-        missed = math.hypot(hold.x - step.hold.x, hold.y - step.hold.y) > config.route.offset_max
-        if missed and self.goal is not None:
+        missed = math.hypot(hold.x - step.hold.x, hold.y - step.hold.y)
+        if missed > config.route.offset_max and self.goal is not None:
             try:
+                if self.patience <= 1:
+                    raise UnreachableError(f"the feet do not land where they are put: the last one {missed:.3f} m off")
                 steps = tuple(plan_to_pose(self.goal, soles, config, 1 - step.foot))
             except PoiseError as error:
                 steps, outcome = (), str(error)
-        return structs.replace(self, steps=steps, outcome=outcome if steps or outcome else "done")
+        outcome = outcome if steps or outcome else "done"
+        return structs.replace(self, steps=steps, outcome=outcome, patience=self.patience - 1)
 
 
-def route_of(steps: Sequence[Footstep], goal: Foothold | None = None) -> Route:
-    """A new route."""
-    return Route(tuple(steps), goal, "" if steps else "done")
+def route_of(steps: Sequence[Footstep], goal: Foothold | None = None, steps_more: int = 0) -> Route:
+    """A new route; ``steps_more`` is for one to a goal."""
+    return Route(tuple(steps), goal, "" if steps else "done", patience=2 * len(steps) + steps_more)
 
 
 def soles_after(steps: Sequence[Footstep], soles: Sequence[Foothold], datum: float) -> Feet:

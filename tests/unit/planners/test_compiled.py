@@ -69,6 +69,24 @@ def test_types_that_no_longer_exist_are_a_miss(monkeypatch: pytest.MonkeyPatch, 
     assert not kernel.stats.cache_hits
 
 
+def test_processes_that_compile_at_the_same_time_never_take_each_others_code(tmp_path: Path) -> None:
+    class Racing(compiled._Index):
+        def _load_index(self) -> dict[Any, Any]:
+            return {}  # read before the other one wrote it
+
+    first, second, reader = (kind(str(tmp_path), "kernel", "stamp") for kind in (Racing, Racing, compiled._Index))
+    save = first._save_data
+
+    def save_late(name: str, data: Any) -> None:
+        second.save("integers", "code for integers")
+        save(name, data)
+
+    first._save_data = save_late  # type: ignore[method-assign]
+    first.save("floats", "code for floats")
+    assert reader.load("integers") == "code for integers"
+    assert reader.load("floats") is None  # compiled again
+
+
 def test_functions_of_other_projects_are_left_to_numba() -> None:
     assert KernelCacheLocator.from_function(shutil.which, shutil.__file__) is None
 

@@ -143,6 +143,19 @@ def test_a_route_to_a_goal_is_planned_anew_after_a_miss_and_ends_there() -> None
     assert (end.x, end.y, end.yaw) == pytest.approx((1.0, 0.0, 0.0), abs=GAIT.route.position_tolerance)
 
 
+def test_a_goal_is_given_up_when_every_foot_lands_off_its_place() -> None:
+    goal, soles = Foothold(1.0, 0.0, 0.0), list(ORIGIN)
+    route = route_of(plan_to_pose(goal, soles, GAIT), goal, GAIT.route.steps_more)
+    most = 2 * route.left + GAIT.route.steps_more
+    for taken in range(most):
+        assert route.left, f"ended after {taken} of {most} footsteps"
+        hold = route.steps[0].hold
+        soles[route.foot] = Foothold(hold.x - 0.05, hold.y, hold.yaw)
+        route = route.landed(soles, GAIT)
+    assert route.left == 0
+    assert route.outcome == "the feet do not land where they are put: the last one 0.050 m off"
+
+
 def test_a_refused_list_leaves_the_route_as_it_was(g1: RobotModel) -> None:
     planner = GaitPlanner(g1)
     planner.reset(standing(g1))
