@@ -157,6 +157,11 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
             self._t = sensors.t
         self.drivers.act()
 
+    def _hear(self, message: Any) -> None:
+        """The guard receives a message on the cable."""
+        if Process.GUARD in self.running:
+            self.guard.receive(message, self.t)
+
     def _watch(self) -> None:
         """The guard's tick."""
         if self.guard.beat_due(self.t):
@@ -277,7 +282,7 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
             side.mode_machine = hardware.mode_machine  # it is a robot of the type that the laws are for
         make_plant = partial(UnitreePlant, robot, rate=rate, marker=str(marker), link=link)
         super().__init__(marker, robot, side, link, make_plant, partial(DampingGuard, robot), record_period)
-        link.receivers.append(self._on_command)
+        link.receivers.append(self._hear)
 
     def step(self) -> None:
         """One tick; the person with the remote controller tries its stop button when the start asks for it."""
@@ -287,10 +292,6 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
         super().step()
         if asked:
             self.side.press()
-
-    def _on_command(self, data: bytes) -> None:
-        if Process.GUARD in self.running:
-            self.guard.receive(data, self.t)
 
 
 class BoosterLoop(PlantLoop[BoosterRobot, DirectBoosterLink, BoosterPlant, BoosterGuard]):
@@ -312,11 +313,7 @@ class BoosterLoop(PlantLoop[BoosterRobot, DirectBoosterLink, BoosterPlant, Boost
         link, model = DirectBoosterLink(side, delay), RobotModel.load(laws)
         make_plant = partial(BoosterPlant, model, marker=str(marker), link=link, **settings)
         super().__init__(marker, model, side, link, make_plant, partial(BoosterGuard, model, settings))
-        link.receivers.append(self._on_command)
-
-    def _on_command(self, data: bytes) -> None:
-        if Process.GUARD in self.running:
-            self.guard.receive(data, self.t)
+        link.receivers.append(self._hear)
 
 
 class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlPlant, ControlGuard]):
@@ -346,9 +343,9 @@ class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlP
         make_plant = partial(Ros2ControlPlant, model, marker=str(marker), link=link, **settings)
         make_guard = partial(ControlGuard, model, command_codec(model, side.settings, GUARD))
         super().__init__(marker, model, side, link, make_plant, make_guard)
-        link.receivers.append(lambda data: self._on_message((COMMAND, data)))
-        link.state_receivers.append(self._on_message)
+        link.receivers.append(lambda data: self._hear((COMMAND, data)))
+        link.state_receivers.append(self._on_state)
 
-    def _on_message(self, message: Message) -> None:
-        if Process.GUARD in self.running and message[0] in (COMMAND, JOINTS):
-            self.guard.receive(message, self.t)
+    def _on_state(self, message: Message) -> None:
+        if message[0] == JOINTS:
+            self._hear(message)

@@ -1,5 +1,7 @@
 """Guard of a real robot: damps it when its driver is silent, because the robot keeps its last command."""
 
+from typing import Any
+
 import numpy as np
 
 from bridge.plants.hardware import real_robot
@@ -44,6 +46,10 @@ class SilenceGuard:
             return False
         self._beat_at = now + self._beat_period
         return True
+
+    def receive(self, message: Any, now: float) -> None:
+        """A message of the protocol, at a time [s]."""
+        raise NotImplementedError
 
     def step(self, now: float) -> bytes | None:
         """The command to publish at a time [s]; None while the driver commands, or has not begun."""

@@ -8,8 +8,8 @@ from models.errors import UnreachableError
 from models.types import Matrix
 from planners.gait.footsteps import Foothold
 from planners.terrain.elevation_map import Heights
+from planners.terrain.footstep_search import LEVEL
 
-_LEVEL = 0.03  #: Difference of height up to which ground is level [m]
 _FEW = 4  #: Cells off the level up to which there is nothing [-]
 _FINE = 0.05  #: Between ways that are tried [m]
 
@@ -24,7 +24,7 @@ def detour(ground: Heights, line: Foothold, distance: float, clearance: float) -
     ways, sides = np.arange(0.0, distance + clearance, cell), np.arange(-half, half, cell)
     places = np.array([line.moved(way, side) for way in ways.tolist() for side in sides.tolist()])
     heights: Matrix = ground.at(places).reshape(len(ways), len(sides))
-    off = np.abs(heights - line.z) > _LEVEL  # NaN is not
+    off = np.abs(heights - line.z) > LEVEL  # NaN is not
 
     def free(begin: float, end: float, side: float) -> bool:
         rows = (ways >= begin) & (ways <= end)
