@@ -297,18 +297,19 @@ class Route(Struct, frozen=True):
 
     def landed(self, soles: Sequence[Foothold], config: GaitConfig) -> Route:
         """After the next step, with the soles there now."""
-        step, steps, outcome = self.steps[0], self.steps[1:], self.outcome
+        step, steps, outcome, patience = self.steps[0], self.steps[1:], self.outcome, self.patience - 1
         hold = soles[step.foot]
         missed = math.hypot(hold.x - step.hold.x, hold.y - step.hold.y)
         if missed > config.route.offset_max and self.goal is not None:
-            try:
-                if self.patience <= 1:
-                    raise UnreachableError(f"the feet do not land where they are put: the last one {missed:.3f} m off")
-                steps = tuple(plan_to_pose(self.goal, soles, config, 1 - step.foot))
-            except PoiseError as error:
-                steps, outcome = (), str(error)
+            if patience > 0:
+                try:
+                    steps = tuple(plan_to_pose(self.goal, soles, config, 1 - step.foot))
+                except PoiseError as error:
+                    steps, outcome = (), str(error)
+            else:
+                steps, outcome = (), f"the feet do not land where they are put: the last one {missed:.3f} m off"
         outcome = outcome if steps or outcome else "done"
-        return structs.replace(self, steps=steps, outcome=outcome, patience=self.patience - 1)
+        return structs.replace(self, steps=steps, outcome=outcome, patience=patience)
 
 
 def route_of(steps: Sequence[Footstep], goal: Foothold | None = None, steps_more: int = 0) -> Route:

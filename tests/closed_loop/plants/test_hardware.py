@@ -25,7 +25,7 @@ from bridge.plants.unitree.codec import BUTTONS
 from bridge.plants.unitree.wire import read_low_cmd
 from controllers.estimation.assembler import mean_sample
 from models.config import default_config
-from models.errors import CommandError, MessageError
+from models.errors import CommandError, MessageError, PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData, Vector
 from tests.gantry import started
@@ -174,7 +174,7 @@ def test_a_robot_that_comes_off_the_rope_is_damped_and_not_prepared_where_it_lie
     loop.reach(StartState.DAMPED, 1.5)
     assert "of the weight" in loop.startup.reason or "tilted" in loop.startup.reason
     loop.run(3.0)
-    with pytest.raises(CommandError, match=r"prepare refused: the base is tilted by"):
+    with pytest.raises(CommandError, match="prepare refused: the base is tilted by"):
         loop.startup.prepare()
 
 
@@ -218,7 +218,11 @@ def test_a_damped_robot_is_hung_up_and_stands_again(standing: HardwareLoop) -> N
     standing.run(3.0)
     with pytest.raises(CommandError, match=r"prepare refused: the base is tilted .*; hang the robot upright"):
         standing.startup.prepare()  # it has slumped, the rope being slack
-    standing.run(15.0)  # its feet are in the air
+    standing.run(7.5)
+    standing.startup.prepare()  # it hangs, its legs bent; they reach the floor as they stretch
+    with pytest.raises(PoiseError, match=r"damped: the feet bear .* of the weight, 30% at most"):
+        standing.reach(StartState.HANGING, 6.0)
+    standing.run(6.0)  # its feet are in the air
     standing.side.rope_speed = 0.0
     standing.startup.prepare()
     standing.reach(StartState.HANGING)
