@@ -124,7 +124,8 @@ class StartCommands:
             return fade_to_damping(model, self._at_fault, elapsed)
         else:
             share = self._config.air_torque if state in (StartState.PREPARE, StartState.HANGING) else 1.0
-            given = bounded_command(model, self._held(state, elapsed), sensors.q, sensors.v, share)
+            executed = self._executed(self._held(state, elapsed))  # with its gains the torque keeps to the bound
+            given = bounded_command(model, executed, sensors.q, sensors.v, share)
         self.fade_from(drive_torque(model, self._executed(given), sensors.q, sensors.v))
         return given
 

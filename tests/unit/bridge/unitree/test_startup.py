@@ -189,6 +189,19 @@ def test_in_the_air_the_stiff_hold_uses_half_of_the_torque_and_gives_way_to_what
         assert (bench.startup.state is StartState.DAMPED) == damped
 
 
+def test_the_bound_in_the_air_is_of_the_torque_that_reduced_gains_give(g1: RobotModel) -> None:
+    def executed(command: JointCommand) -> JointCommand:
+        assert command.kp is not None and command.kd is not None
+        return structs.replace(command, kp=np.minimum(command.kp, g1.kp), kd=np.minimum(command.kd, g1.kd))
+
+    bench = Bench(g1, executed=executed)
+    bench.reach(StartState.HANGING)
+    q, v = bench.q - 0.3 * g1.tau_max / g1.kp, np.zeros(g1.nj)  # four times that with the gains of the stiff hold
+    command = bench.startup.command(structs.replace(bench.sensors(), q=q), bench.driver)
+    assert command is not None
+    np.testing.assert_allclose(drive_torque(g1, executed(command), q, v), 0.3 * g1.tau_max)
+
+
 @pytest.mark.parametrize("state", [StartState.LISTEN, StartState.GANTRY])
 def test_before_the_release_a_stop_begins_again_and_commands_nothing(bench: Bench, state: StartState) -> None:
     bench.reach(state)
