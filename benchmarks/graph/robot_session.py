@@ -264,8 +264,8 @@ class HardwareSession(Session):
         self.graph.wait_for(lambda: self.start is not None and self.start.state == state, limit, f"state {state}")
 
     def stand(self) -> None:
-        """From the gantry to standing without the rope; the stop button is tried where there is one."""
-        self.wait_for(lambda: "stop button" in self.waits_for or self.start_state == "gantry", "ready to start")
+        """From the gantry to standing without the rope; the stop button is pressed where the start asks for it."""
+        self.wait_for(lambda: "press it" in self.waits_for or self.start_state == "gantry", "ready to start")
         if self.start_state != "gantry":
             self.robot("press", BUTTONS.index("B"))
             self.wait_for(lambda: "button B of" in self.waits_for, "aware of the button")
