@@ -36,7 +36,7 @@ _PLANS = 3  #: After so many plans it gets dark, or a box appears
 _BEYOND = 0.3  #: How far behind the last riser a walk on sight goes [m]
 
 
-#: What is seen is ``amount`` [m] too high until landed soles correct it, or the map too far ahead; what is in it moves
+#: What is seen is ``amount`` [m] too high until soles correct it, or the map too far ahead; what is in it moves
 #: ahead by as much in a second, a cell at a time; it sees nothing for ``amount`` [s]; a box appears so far ahead [m]
 Kind = Literal["high", "ahead", "drift", "blind", "appears"]
 
@@ -182,8 +182,8 @@ class Sight:
         self._loop, self._kind, self._amount = loop, fault and fault.kind, fault.amount if fault else 0.0
         self._moved, self._dark = loop.t, math.inf
         if self._kind == "high":
-            loop.ground_view.mapper.bias += self._amount
-            loop.ground_view.mapper.map.clear()
+            loop.ground_view.mapper.reset()
+            loop.ground_view.mapper.bias = self._amount
         if self._kind == "appears":
             loop.plant.obstacle.remove()
 

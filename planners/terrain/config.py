@@ -34,11 +34,16 @@ class FusionConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FeetConfig:
-    """Landed soles as measurements of the ground."""
+    """Soles as measurements of the ground. The error of the heights that are seen is estimated by a Kalman filter."""
 
     period: Positive  #: The feet are followed at least so often, with or without clouds [s]
-    share: Proportion  #: Of the difference to the map under a landed sole that shifts the map [-]
-    limit: Positive  #: Larger differences shift nothing [m]
+    limit: Positive  #: Larger differences of a sole to the map shift nothing [m]
+    bias: Positive  #: Error of the heights that are seen, at first: standard deviation [m]
+    drift: Positive  #: Its change from a landing to the next: standard deviation [m]
+    below: Positive  #: Error of the height of a sole above the map below it: standard deviation [m]
+    ahead: Positive  #: The same, of a standing sole above level ground in front of it: standard deviation [m]
+    distance: Positive  #: How far in front of the toes that ground reaches [m]
+    known: Proportion  #: Least share of it that must be known [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

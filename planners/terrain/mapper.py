@@ -29,8 +29,12 @@ class TerrainMapper:
 
     Heights of ``map`` are above the sole of the stance foot, so that a drift of the odometry's height does not bend
     the map: while a foot stands its sole is the reference, and the foot that lands next takes over with the height
-    between both soles, which follows from the joint angles. Places are those of the odometry. Once a landed foot
-    alone bears the robot, the difference of its sole to a level part of the map below it shifts map and coming clouds.
+    between both soles, which follows from the joint angles. Places are those of the odometry.
+
+    What is seen may be too high or too low as a whole, from the mounting of a sensor for example. A Kalman filter
+    estimates that error, and shifts map and coming clouds: from the height of a sole that alone bears the robot above a
+    level part of the map below it; and at first, once, from that of both soles above level ground in front of them,
+    since a standing robot does not see the ground below it.
 
     Points of the robot itself are left out, see ``BodyFilter``, and those outside of the sensor's range: drivers send
     zeros for pixels without a measurement. ``update`` refuses a malformed cloud with a ``MessageError``.
@@ -39,8 +43,8 @@ class TerrainMapper:
         map: The grid.
         t: Stamp up to which the feet are followed [s]; -inf before the first contact.
         reference: Height of the reference sole in W [m], by the odometry; nan before the first contact.
-        bias: Added to the heights of every cloud, as landed soles show it [m].
-        residual: Last difference of a landed sole to a level part of the map below it [m]; nan before the first.
+        bias: Added to the heights of every cloud, as soles show it [m].
+        residual: Last height of a sole above the map [m]; nan before the first.
 
     Raises:
         ConfigError: The robot's profile has neither depth camera nor lidar.
@@ -67,7 +71,7 @@ class TerrainMapper:
         self._anchor: int | None = None
         self._swinging = False  # whether the other foot is in the air
         self._checked = True  # whether the map was compared with the sole of the present reference
-        self.bias = 0.0
+        self.bias, self._variance = 0.0, self.config.feet.bias**2  # error of the clouds, and its variance [m, m^2]
         self.t = -np.inf
 
     def follow(self, t: float, posture: Posture) -> None:
@@ -131,7 +135,7 @@ class TerrainMapper:
         return near
 
     def _follow_feet(self, posture: Posture) -> None:
-        """Change the reference to a foot that has landed, and compare the map with the sole that alone bears load."""
+        """Change the reference to a foot that has landed, and compare the map with the soles."""
         soles = [self._data.oMf[foot.frame_id] for foot in self.robot.feet]
         contacts = posture.contacts
         if self._anchor is None:
@@ -148,23 +152,45 @@ class TerrainMapper:
             self.reference, self._anchor, self._checked = height, other, False
         elif contacts[anchor] and not contacts[other] and not self._checked:
             self._checked = True
-            self._compare(anchor, soles[anchor])
+            self._compare_below(anchor, soles[anchor])
+        elif all(contacts) and np.isnan(self.residual):
+            self._compare_ahead(soles)
         self._swinging = not contacts[1 - self._anchor]
 
-    def _compare(self, foot: int, sole: pin.SE3) -> None:
-        """Shift map and coming clouds towards a sole that lies on a plane of the map."""
-        x_min, x_max, y_min, y_max = self.robot.feet[foot].rectangle
+    def _heights(self, foot: int, sole: pin.SE3, x_min: float, x_max: float) -> Vector:
+        """Heights of a sole's plane above the map, from x_min to x_max [m] along it (n,) [m]; nan where unknown."""
+        _, _, y_min, y_max = self.robot.feet[foot].rectangle
         xs, ys = np.arange(x_min, x_max, self.map.cell), np.arange(y_min, y_max, self.map.cell)
         local = np.array([[x, y, 0.0] for x in xs for y in ys])
         points = local @ sole.rotation.T + sole.translation
-        errors = points[:, 2] - self.reference - self.map.at(points[:, :2])
-        feet, rough = self.config.feet, self.config.patches.roughness
-        if np.isnan(errors).any() or np.ptp(errors) > 2.0 * rough:
-            return
-        self.residual = float(np.median(errors))
-        if abs(self.residual) <= feet.limit:
-            self.map.shift(feet.share * self.residual)
-            self.bias += feet.share * self.residual
+        heights: Vector = points[:, 2] - self.reference - self.map.at(points[:, :2])
+        return heights
+
+    def _compare_below(self, foot: int, sole: pin.SE3) -> None:
+        """Compare a sole with the map below it, where that is level."""
+        self._variance += self.config.feet.drift**2
+        heights = self._heights(foot, sole, *self.robot.feet[foot].rectangle[:2])
+        if not np.isnan(heights).any() and np.ptp(heights) <= 2.0 * self.config.patches.roughness:
+            self._correct(float(np.median(heights)), self.config.feet.below)
+
+    def _compare_ahead(self, soles: list[pin.SE3]) -> None:
+        """Compare both soles with the map in front of them, where that is level."""
+        feet, toes = self.config.feet, [foot.rectangle[1] for foot in self.robot.feet]
+        heights = np.concatenate(
+            [self._heights(foot, soles[foot], toes[foot], toes[foot] + feet.distance) for foot in (0, 1)]
+        )
+        known = heights[np.isfinite(heights)]
+        if len(known) >= feet.known * len(heights) and known.std() <= self.config.patches.roughness:
+            self._correct(float(np.median(known)), feet.ahead)
+
+    def _correct(self, residual: float, deviation: float) -> None:
+        """Shift map and coming clouds by a height of a sole above the map, with the standard deviation of that [m]."""
+        self.residual = residual
+        if abs(residual) <= self.config.feet.limit:
+            gain = self._variance / (self._variance + deviation**2)
+            self._variance *= 1.0 - gain
+            self.map.shift(gain * residual)
+            self.bias += gain * residual
 
     def _compile(self) -> None:
         """Run every kernel once: the first cloud must not wait for the compiler."""

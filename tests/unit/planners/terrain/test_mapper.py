@@ -135,22 +135,48 @@ def test_points_out_of_the_sensors_range_are_left_out(g1: RobotModel, frame: str
     assert mapper.update(PointCloud(0.0, frame, np.tile(2.0 * sensor.range_min * ray, (9, 1))), Posture(q, BOTH)) == 1
 
 
-@pytest.mark.parametrize(("error", "expected"), [(0.02, 0.01), (-0.03, -0.015), (0.08, 0.08)])
-def test_a_landed_sole_shifts_map_and_coming_clouds(
-    g1: RobotModel, mapper: TerrainMapper, error: float, expected: float
+@pytest.mark.parametrize("error", [0.02, -0.03, 0.08])
+def test_landed_soles_shift_map_and_coming_clouds_by_a_kalman_filter(
+    g1: RobotModel, mapper: TerrainMapper, error: float
 ) -> None:
-    """By half of the error; one of 8 cm is an edge."""
+    """The first one almost by the whole error; one of 8 cm is an edge."""
     q = g1.standing_configuration()
-    everywhere = np.concatenate([AHEAD, BELOW])
-    wrong = cloud_of(g1, q, ground(error, everywhere))
+    wrong = cloud_of(g1, q, ground(error, np.concatenate([AHEAD, BELOW])))
     mapper._body.outside = lambda points, data: np.ones(len(points), dtype=bool)  # type: ignore[method-assign]
     mapper.update(wrong, Posture(q, RIGHT))
-    for contacts in (BOTH, LEFT):
-        mapper.update(PointCloud(0.1, DEPTH_FRAME, np.zeros((0, 3))), Posture(q, contacts))
-    assert mapper.residual == pytest.approx(-error, abs=1e-4)
-    np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), expected, atol=1e-4)
-    mapper.update(PointCloud(0.2, DEPTH_FRAME, wrong.points), Posture(q, LEFT))
-    np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), expected, atol=1e-4)
+    feet, left = mapper.config.feet, error
+    variance = feet.bias**2
+    for k in range(3):
+        for contacts in (BOTH, RIGHT if k % 2 else LEFT):
+            mapper.update(PointCloud(0.1 + k, DEPTH_FRAME, np.zeros((0, 3))), Posture(q, contacts))
+        assert mapper.residual == pytest.approx(-left, abs=1e-4)
+        variance += feet.drift**2
+        if abs(error) <= feet.limit:
+            left, variance = (
+                left * feet.below**2 / (variance + feet.below**2),
+                1.0 / (1.0 / variance + 1.0 / feet.below**2),
+            )
+        np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), left, atol=1e-4)
+        mapper.update(PointCloud(0.2 + k, DEPTH_FRAME, wrong.points), Posture(q, contacts))
+        np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), left, atol=2e-4)
+    assert abs(left) < 0.03 * abs(error) or error == 0.08
+
+
+@pytest.mark.parametrize(("slope", "shifted"), [(0.0, True), (0.05, False)])
+def test_a_standing_robot_learns_from_level_ground_in_front_how_high_its_soles_are(
+    g1: RobotModel, mapper: TerrainMapper, slope: float, shifted: bool
+) -> None:
+    q, feet = g1.standing_configuration(), mapper.config.feet
+    points = ground(0.02)
+    points[:, 2] += slope * points[:, 0]
+    mapper.update(cloud_of(g1, q, points), Posture(q, BOTH))
+    assert np.isnan(mapper.residual)  # with what was seen before
+    mapper.update(PointCloud(0.1, DEPTH_FRAME, np.zeros((0, 3))), Posture(q, BOTH))
+    assert np.isfinite(mapper.residual) == shifted
+    left = 0.02 * feet.ahead**2 / (feet.ahead**2 + feet.bias**2) if shifted else points[::50, 2]
+    np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), left, atol=2e-3 if slope else 1e-4)
+    mapper.update(PointCloud(0.2, DEPTH_FRAME, np.zeros((0, 3))), Posture(q, BOTH))  # once
+    np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), left, atol=2e-3 if slope else 1e-4)
 
 
 def test_the_robot_is_left_out_and_the_ground_beside_it_is_not(g1: RobotModel, mapper: TerrainMapper) -> None:
