@@ -55,6 +55,12 @@ class WalkingGraph(Eyes):
 
         self.graph.wait_for(look, 60.0, what)
 
+    def stand(self) -> None:
+        """Stand up where no test before has asked for it."""
+        if not self.graph.standing:
+            self.until(lambda: self.ask("mode/stand")[0], "allowed to stand")
+            self.graph.wait_standing()
+
     def stop(self) -> None:
         """Back to mode stand."""
         assert self.ask("mode/stand")[0]
@@ -81,12 +87,11 @@ def test_walking_before_standing_is_refused(walking: WalkingGraph) -> None:
     assert "request 'stand' first" in reason
     send = lambda: walking.cmd_vel.publish(velocity_to_twist((0.3, 0.0, 0.0)))  # noqa: E731
     walking.refusal("supervisor", topics.CMD_VEL, send, "request 'stand' first")
-    walking.until(lambda: walking.ask("mode/stand")[0], "allowed to stand")
-    walking.graph.wait_standing()
+    walking.stand()
 
 
 def test_a_velocity_while_standing_walks_and_zero_ends_in_a_stand(walking: WalkingGraph) -> None:
-    walking.graph.wait_standing()
+    walking.stand()
     start = walking.place.copy()
     ahead, still = (velocity_to_twist((speed, 0.0, 0.0)) for speed in (0.3, 0.0))
     walking.until(lambda: walking.place[0] - start[0] > 0.2, "ahead", lambda: walking.cmd_vel.publish(ahead))
@@ -96,7 +101,7 @@ def test_a_velocity_while_standing_walks_and_zero_ends_in_a_stand(walking: Walki
 
 
 def test_it_walks_on_cmd_vel_and_stops_when_that_falls_silent(walking: WalkingGraph) -> None:
-    walking.graph.wait_standing()
+    walking.stand()
     assert walking.ask("mode/walk")[0]
     walking.until(lambda: walking.graph.mode == "walk" and walking.phases[-1] == topics.GAIT_SETTLED, "in mode walk")
     walking.margins.clear()
@@ -128,7 +133,7 @@ def test_it_walks_on_cmd_vel_and_stops_when_that_falls_silent(walking: WalkingGr
 
 
 def test_velocities_that_are_no_numbers_are_refused_by_name(walking: WalkingGraph) -> None:
-    walking.graph.wait_standing()
+    walking.stand()
     assert walking.ask("mode/walk")[0]
     walking.until(lambda: walking.graph.mode == "walk", "in mode walk")
     place = walking.place.copy()
@@ -148,7 +153,7 @@ def _poise(*arguments: str) -> tuple[int, str]:
 
 
 def test_the_command_line_walks_and_stands_again(walking: WalkingGraph) -> None:
-    walking.graph.wait_standing()
+    walking.stand()
     received: list[float] = []
     subscription = walking.graph.node.create_subscription(
         Twist, topics.CMD_VEL, lambda m: received.append(m.linear.x), EVENT
@@ -171,7 +176,7 @@ def test_the_command_line_walks_and_stands_again(walking: WalkingGraph) -> None:
 
 @pytest.mark.slow
 def test_the_command_line_walks_to_a_pose(walking: WalkingGraph) -> None:
-    walking.graph.wait_standing()
+    walking.stand()
     here = walking.place.copy()
     code, output = _poise("walk", "--to", f"{here[0] - 0.15:.3f}", f"{here[1]:.3f}", "-0.2")
     assert code == 0, output
@@ -182,7 +187,7 @@ def test_the_command_line_walks_to_a_pose(walking: WalkingGraph) -> None:
 
 
 def test_words_set_the_velocity_a_wave_goes_with_it_and_stop_ends_in_stand(walking: WalkingGraph) -> None:
-    walking.graph.wait_standing()
+    walking.stand()
     start = walking.place.copy()
     walking.graph.send("walk")
     walking.until(lambda: walking.graph.mode == "walk", "in mode walk")
