@@ -112,6 +112,7 @@ class Reference(Struct, frozen=True):
     sole_areas: Matrix | None = None  # bearing rectangle of each sole (x_min, x_max, y_min, y_max) [m]; None: whole
     momentum: float = 1.0  # allowed share of the largest distance of the CMP beyond the edge of the support [-]
     stiffness: float = 1.0  # share of the stiff gains of stepping; 0 in an undisturbed slow walk [-]
+    urgent: bool = False  # the step has to catch a robot that was disturbed
     levels: tuple[float, float] = (0.0, 0.0)  # of the ground under the CoM and of the ZMP over the bearing sole(s) [m]
 
 

@@ -345,12 +345,11 @@ class BalanceController:
         if share == 1.0:
             self.motions.release_legs()
         self._share = share
-        urgency = planned.momentum  # 1 in an urgent step alone
-        self.schedule.apply(1.0 if phase.airborne else share, planned.stiffness, urgency)
+        self.schedule.apply(1.0 if phase.airborne else share, planned.stiffness, urgent=planned.urgent)
 
     def _set_share(self, share: float) -> None:
         self._share = share
-        self.schedule.apply(share, 1.0, 0.0)
+        self.schedule.apply(share, 1.0)
 
     def _blend(self, standing: Reference, planned: Reference, rest: Rest, phase: GaitPhase) -> Reference:
         """Arms and head of the posture; the rest goes from the posture's reference to the gait's."""

@@ -12,14 +12,14 @@ from models.types import Vector
 class ScheduledGains:
     """One array of gains (k,): those in force, of standing, of stepping, and of steps that nothing disturbs.
 
-    Between the last two counts the stiffness, or with ``by_urgency`` whether the step is urgent.
+    Between the last two counts the stiffness, or with ``when_urgent`` whether the step is urgent.
     """
 
     live: Vector
     standing: Vector
     stepping: Vector
     calm: Vector
-    by_urgency: bool
+    when_urgent: bool
 
 
 class GainSchedule:
@@ -33,7 +33,7 @@ class GainSchedule:
         self._config = config = whole_body.config.stepping
         self._whole_body, tasks = whole_body, whole_body.tasks
         self.gains: dict[str, ScheduledGains] = {}
-        self.share, self.stiffness, self.urgency = 0.0, 1.0, 0.0
+        self.share, self.stiffness, self.urgent = 0.0, 1.0, False
         self._momentum = tasks["angular_momentum"]
         com, momentum, base = (tasks[name].weight for name in ("com", "angular_momentum", "base_orientation"))
         stepping, calm = com.copy(), com.copy()
@@ -43,7 +43,7 @@ class GainSchedule:
         stepping[2] = config.momentum_weight_vertical / whole_body.model.mass**2
         self.add("angular_momentum", momentum, momentum, stepping)
         urgent, calm = (np.full(len(base), weight) for weight in (config.base_weight_urgent, config.base_weight))
-        self.add("base_orientation", base, base, urgent, calm, by_urgency=True)
+        self.add("base_orientation", base, base, urgent, calm, when_urgent=True)
         joints, contacts = whole_body.body_limits.joints.bounds, whole_body.builder.contacts
         linear, angular = config.contact_linear_max, config.contact_angular_max
         for name, live, target in (
@@ -63,20 +63,20 @@ class GainSchedule:
         stepping: Vector,
         calm: Vector | None = None,
         *,
-        by_urgency: bool = False,
+        when_urgent: bool = False,
     ) -> None:
         """Schedule an array of gains, which is set to its standing values; ``calm`` as ``stepping`` when None."""
         calm = stepping if calm is None else calm
-        self.gains[name] = ScheduledGains(live, standing.copy(), stepping, calm, by_urgency)
+        self.gains[name] = ScheduledGains(live, standing.copy(), stepping, calm, when_urgent)
         live[:] = standing
 
-    def apply(self, share: float, stiffness: float, urgency: float) -> None:
-        """Set the gains for a share, a stiffness and an urgency, 1 in an urgent step [-]."""
+    def apply(self, share: float, stiffness: float, *, urgent: bool = False) -> None:
+        """Set the gains for a share and a stiffness [-], and for an urgent step."""
         if share != self.share:
-            self.share, self.stiffness, self.urgency = share, stiffness, urgency
+            self.share, self.stiffness, self.urgent = share, stiffness, urgent
             self.update()
-        elif (stiffness, urgency) != (self.stiffness, self.urgency):
-            self.stiffness, self.urgency = stiffness, urgency
+        elif (stiffness, urgent) != (self.stiffness, self.urgent):
+            self.stiffness, self.urgent = stiffness, urgent
             for name in ("com", "base_orientation"):
                 self._set(self.gains[name])
 
@@ -90,6 +90,6 @@ class GainSchedule:
         self._momentum.active = bool(self._momentum.weight.any())
 
     def _set(self, gains: ScheduledGains) -> None:
-        part = self.urgency if gains.by_urgency else self.stiffness
+        part = float(self.urgent) if gains.when_urgent else self.stiffness
         stepping = gains.calm + part * (gains.stepping - gains.calm)
         gains.live[:] = gains.standing + self.share * (stepping - gains.standing)

@@ -151,8 +151,9 @@ class ReferenceBuilder:
             heading_rate=0.5 * float(state.swing.velocity[3]) if single else 0.0,
             cmp_offset=cmp_offset,
             sole_areas=state.footing.areas,
-            momentum=1.0 if state.step.urgent else 0.0,
+            momentum=float(state.step.urgent),
             stiffness=state.pace.share,
+            urgent=state.step.urgent,
             levels=(relief[0] - bears, pressed - bears),
         )
 

@@ -61,7 +61,7 @@ def test_the_base_has_more_weight_while_a_step_is_urgent(g1: RobotModel) -> None
     for _ in range(40):
         controller.step(pushed(planner, on_one_foot(planner.stance)), DT)
     assert planner.state.step.urgent and weight == pytest.approx(np.full(3, stepping.base_weight_urgent))
-    controller.schedule.apply(1.0, 1.0, 0.0)
+    controller.schedule.apply(1.0, 1.0)
     assert weight == pytest.approx(np.full(3, stepping.base_weight))
 
 
