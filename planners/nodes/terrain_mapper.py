@@ -81,7 +81,7 @@ class TerrainMapperNode(PoiseNode):
         text = "Have lost parts of a cloud sent again; false for a sensor driver that offers best effort only"
         self._reliable = declare(self, "reliable", True, text)
         self._periods = (
-            declare_period(self, "map_rate", 10.0, "terrain/grid_map"),
+            declare_period(self, "map_rate", 30.0, "terrain/grid_map"),
             declare_period(self, "patch_rate", 2.0, "terrain/patches"),
         )
 
