@@ -19,7 +19,7 @@ class Bench:
         self.model, self.startup = model, Startup(model, **options)
         self.q = model.posture("stand") + 0.3
         self.t = 0.0
-        self.inputs: dict[str, object] = {"vendor": "ai"}
+        self.inputs: dict[str, Any] = {"vendor": "ai"}
         self.driver = JointCommand(model.posture("stand"), np.zeros(model.nj), np.full(model.nj, 3.0))
 
     def sensors(self, v: Vector | None = None) -> SensorData:
@@ -29,7 +29,7 @@ class Bench:
 
     def tick(self, v: Vector | None = None) -> JointCommand | None:
         self.t += DT
-        self.startup.update(StartInputs(self.sensors(v), **self.inputs))  # type: ignore[arg-type]
+        self.startup.update(StartInputs(self.sensors(v), **self.inputs))
         command = self.startup.command(self.sensors(v), self.driver)
         if command is not None and command.kp is not None and command.kp.any():
             self.q = command.q

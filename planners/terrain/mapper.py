@@ -33,8 +33,8 @@ class TerrainMapper:
 
     What is seen may be too high or too low as a whole, from the mounting of a sensor for example. A Kalman filter
     estimates that error, and shifts map and coming clouds: from the height of a sole that alone bears the robot above a
-    level part of the map below it; and at first, once, from that of both soles above level ground in front of them,
-    since a standing robot does not see the ground below it.
+    level part of the map below it; before the first of these, once, from that of both bearing soles above level ground
+    in front of them, since a standing robot does not see the ground below it.
 
     Points of the robot itself are left out, see ``BodyFilter``, and those outside of the sensor's range: drivers send
     zeros for pixels without a measurement. ``update`` refuses a malformed cloud with a ``MessageError``.
@@ -161,7 +161,7 @@ class TerrainMapper:
         """Heights of a sole's plane above the map, from x_min to x_max [m] along it (n,) [m]; nan where unknown."""
         _, _, y_min, y_max = self.robot.feet[foot].rectangle
         xs, ys = np.arange(x_min, x_max, self.map.cell), np.arange(y_min, y_max, self.map.cell)
-        local = np.array([[x, y, 0.0] for x in xs for y in ys])
+        local = np.stack(np.meshgrid(xs, ys, 0.0, indexing="ij"), axis=-1).reshape(-1, 3)
         points = local @ sole.rotation.T + sole.translation
         heights: Vector = points[:, 2] - self.reference - self.map.at(points[:, :2])
         return heights

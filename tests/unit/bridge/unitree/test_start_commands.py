@@ -15,11 +15,6 @@ from models.types import JointCommand, SensorData
 from tests.start_bench import DT, Bench
 
 
-@pytest.fixture
-def bench(g1: RobotModel) -> Bench:
-    return Bench(g1)
-
-
 def test_a_relaxing_robot_fades_from_the_last_command_with_its_gains_to_damping(bench: Bench) -> None:
     bench.reach(StartState.STAND)
     bench.run(1.0)

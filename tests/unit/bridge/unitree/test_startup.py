@@ -29,11 +29,6 @@ def test_the_load_of_bent_legs_counts_beyond_its_error(g1: RobotModel, knee: flo
     assert abs(load.load) < load.error
 
 
-@pytest.fixture
-def bench(g1: RobotModel) -> Bench:
-    return Bench(g1)
-
-
 def test_nothing_is_commanded_before_the_release(bench: Bench) -> None:
     for state in (StartState.LISTEN, StartState.GANTRY, StartState.RELEASE):
         bench.reach(state)

@@ -158,7 +158,7 @@ def test_landed_soles_shift_map_and_coming_clouds_by_a_kalman_filter(
             )
         np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), left, atol=1e-4)
         mapper.update(PointCloud(0.2 + k, DEPTH_FRAME, wrong.points), Posture(q, contacts))
-        np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), left, atol=2e-4)
+        np.testing.assert_allclose(mapper.map.at(AHEAD[::50]), left, atol=1e-4)
     assert abs(left) < 0.03 * abs(error) or error == 0.08
 
 
