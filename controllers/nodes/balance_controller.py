@@ -63,10 +63,8 @@ class BalanceControllerNode(PoiseNode):
         self._posture_period = declare_period(
             self, "posture_rate", 50.0, "the reference posture, which planners start from"
         )
-        text = "Rate of the states, which the joint monitor counts on [Hz]"
+        text = "Rate of the states [Hz]: the joint monitor counts on it, and a tick of the law has the time between two"
         self._period = 1.0 / declare(self, "sensor_rate", 1000.0, text, low=1.0, high=10000.0)
-        text = "Time a tick of the law may take; more is counted, and damps when it goes on [s]"
-        self._budget = declare(self, "tick_budget", 0.001, text, low=1e-5)
         text = describe("Whether the node may be deactivated while the robot stands on it", read_only=False)
         self.declare_parameter(FORCE, False, text)
         self._overruns = 0
@@ -182,7 +180,7 @@ class BalanceControllerNode(PoiseNode):
             self.alarm()
 
     def _judge_time(self) -> None:
-        if self._timer.last <= self._budget:
+        if self._timer.last <= self._period:
             self._overruns = 0
             return
         self.counters["ticks over budget"] += 1
