@@ -28,7 +28,7 @@ def lacking(seed: int) -> dict[str, Any]:
 
 
 def slow_network(seed: int) -> dict[str, Any]:
-    """Takes its time, and tells the network namespace of its worker."""
+    """Takes its time, and returns the network namespace of its worker."""
     time.sleep(0.2)
     return {"network": os.readlink("/proc/self/ns/net")}
 

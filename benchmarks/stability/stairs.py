@@ -51,7 +51,7 @@ class Fault:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Flight:
-    """Stairs, and how the robot knows them."""
+    """Stairs, and where the robot has their geometry from."""
 
     rise: float  #: Of each step [m]
     seen: bool = False  #: By its own depth camera and lidar; else by its geometry

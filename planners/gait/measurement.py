@@ -61,7 +61,7 @@ class BodyMotion(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """What a measurement knows of the ground."""
+    """What a measurement says about the ground."""
 
     areas: Matrix  # rectangle of each sole that bears; one without width is an edge on which the sole stands (2, 4) [m]
     slope: Vector  # expected (2,) [-]

@@ -1,4 +1,4 @@
-"""Walking over ground that no law knows of: estimator on, sensor noise on, 2 ms delay."""
+"""Walking over ground that the laws have no data of: estimator on, sensor noise on, 2 ms delay."""
 
 import numpy as np
 import pytest

@@ -197,7 +197,7 @@ class Eyes:
         return self.graph.call(service)
 
     def publisher(self, kind: type, topic: str) -> Any:
-        """A publisher on a topic, as soon as its reader knows it too: before, the reader receives nothing."""
+        """A publisher on a topic, once its reader is matched: before, the reader receives nothing."""
         publisher = self.graph.node.create_publisher(kind, topic, EVENT)
         self.graph.wait_for(lambda: publisher.get_subscription_count() > 0, 10.0, f"listening to {topic}")
         self.graph.spin(1.0)

@@ -1,4 +1,4 @@
-"""A process of the graph ends with an exit code that tells the truth."""
+"""The exit code of a process of the graph is that of its work."""
 
 import os
 import subprocess

@@ -2,7 +2,7 @@
 
     python tests/ros_shell/ros2.py topic list -t
 
-It knows nothing of poise; its words, options and lines are those of ros2cli, so that one list of steps serves both.
+It does not import poise; its words, options and lines are those of ros2cli, so that one list of steps serves both.
 """
 
 import importlib.util

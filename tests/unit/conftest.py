@@ -22,7 +22,7 @@ def mj(robot: RobotModel) -> MujocoModel:
 
 @pytest.fixture(scope="module", params=["g1", "talos"])
 def estimator(request: pytest.FixtureRequest) -> StateEstimator:
-    """An estimator of each robot in turn, which ``robot_of`` tells."""
+    """An estimator of each robot in turn, the one that ``robot_of`` returns."""
     from controllers.estimation.estimator import StateEstimator
 
     robot: RobotModel = request.getfixturevalue(request.param)

@@ -256,5 +256,5 @@ def test_one_service_calibrates_by_name_and_saves_when_requested(
     assert "no previous calibration" in ask("rollback").message
     answer = ask("soul")
     assert not answer.success and "known are imu, joints, feet" in answer.message
-    accepted, reason = services.answer(services.ask("imu"))  # the older service tells as before
+    accepted, reason = services.answer(services.ask("imu"))  # the older service answers as before
     assert accepted and "gyro_bias_x = 0.05" in reason

@@ -117,7 +117,7 @@ class Robots(list[Robot]):
 
 
 def repeat(graph: Graph, act: Callable[[], object], done: Callable[[], bool], what: str) -> None:
-    """Act, again every 10 s, until a condition is met: what is sent before the receiver knows the sender is lost."""
+    """Act, again every 10 s, until a condition is met: what is sent before discovery is lost."""
     for _ in range(9):
         act()
         with suppress(PoiseError):

@@ -37,7 +37,7 @@ class Run:
         assert self.asked == [f"calibrate_{what}"]
 
     def moves(self, what: str) -> None:
-        """Up to the middle of the motion, as the graph tells of it."""
+        """Up to the middle of the motion, as the graph reports it."""
         self.asks(what)
         self.procedure.on_situation("motion")
         self.procedure.on_request(f"calibrate_{what} 7")

@@ -1,4 +1,4 @@
-"""Names and units of the numbers that a calibration tells."""
+"""Names and units of the numbers of a calibration."""
 
 import pytest
 
