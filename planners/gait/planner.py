@@ -104,8 +104,7 @@ class GaitPlanner:
     @property
     def view(self) -> GaitView:
         """Record for observers."""
-        omega = self.state.omega
-        return GaitView(self.state, self.state.measured.dcm(omega), omega, self._soles)
+        return GaitView(self.state, self.state.measured.dcm(self.state.omega), self._soles)
 
     @cached_property
     def limits(self) -> dict[str, str]:

@@ -146,7 +146,6 @@ class GaitView:
 
     state: GaitState
     dcm: Vector  #: Measured, in W (2,) [m]
-    omega: float  #: Of the pendulum [1/s]
     soles: Soles
 
     @property
@@ -205,7 +204,7 @@ def _one_step(view: GaitView, config: GaitConfig, stance: int, elapsed: float) -
     timing, soles, reach, foot = config.timing, view.soles, config.reach, 1 - stance
     soonest = max(timing.single_min, elapsed + config.swing.freeze)
     times = np.linspace(soonest, max(timing.single_max, soonest), TIMES) - elapsed
-    growth = np.exp(view.omega * times)[:, None]  # (TIMES, 1)
+    growth = np.exp(view.state.omega * times)[:, None]  # (TIMES, 1)
     width = (reach.width_min, reach.width_max) if foot == LEFT else (-reach.width_max, -reach.width_min)
     shift = soles.centres[foot] - soles.centres[stance]
     more = soles.half[foot] + (growth - 1.0) * soles.half[stance]  # (TIMES, 2)

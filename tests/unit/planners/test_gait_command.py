@@ -120,7 +120,7 @@ def test_one_step_catches_just_what_the_pendulum_says(planner: GaitPlanner, view
     edge = walk.dcm[0] + capture_margin(walk, config)
     stance, half = walk.state.soles.holds[1].moved(*walk.soles.centres[1].tolist())[0], float(walk.soles.half[1, 0])
     cop = stance + half
-    landed = cop + (edge - cop) * math.exp(walk.omega * (config.timing.single_min - walk.state.elapsed))
+    landed = cop + (edge - cop) * math.exp(walk.state.omega * (config.timing.single_min - walk.state.elapsed))
     assert landed == pytest.approx(stance + config.reach.forward + half, abs=1e-9)
 
 
