@@ -9,15 +9,18 @@ pendulum with its ZMP ``p`` at rest,
 from a to b, half-way to the other foot before and after the step, at the height of the gait with its rise; the swing
 foot moves from 2 a to 2 b. Inverse dynamics with all forces of the ground on the stance foot gives the torques. The
 root of the mean square of each over its limit is the share that the step takes of that joint: what carries the weight
-counts whole, the ends of a swing, which arms and a slower foot make up for, little. Ankles do not count: their torque
-is the CoP's, which is kept where they hold it (``Foot.bearing``), and a lifted foot may tip.
+counts whole, the ends of a swing, which arms and a slower foot make up for, little. The arms also take up the moment
+of the swing leg, so that the CoP is the ZMP: with it there counts the knee of the stance leg, which bears the more the
+farther back the CoP is. Ankles do not count: their torque is the CoP's, which is kept where they hold it
+(``Foot.bearing``), and a lifted foot may tip.
 
 The root of the mean square of a joint's speed over its limit is another share. A joint that is too slow for its way
 leaves the foot behind its reference in heading or place, and the base with it.
 
-Crouch and velocity limits are reduced until no joint is taken beyond ``torque_share`` and ``swing.speed_share``, but
-for what it takes to step on the spot without a crouch. Where that is more than a joint's torque, the robot does not
-walk at all.
+The farther ahead the ZMP is, the less the knees bear. It is moved from ``zmp`` towards the middle of the sole as far as
+the crouch requires. Crouch and velocity limits are then reduced until no joint is taken beyond ``torque_share`` and
+``swing.speed_share``, but for what it takes to step on the spot without a crouch. Where that is more than a joint's
+torque, the robot does not walk at all.
 """
 
 import math
@@ -77,6 +80,9 @@ class StepLoads:
         ankles = {joint.index_v for foot in model.feet for joint in foot.ankle}
         joints = {v for foot in model.feet for v in foot.chain_ids_v} - ankles
         self._joints = np.array(sorted(joints)) - JOINTS_V
+        self._knee = max(set(model.feet[0].chain_ids_v) - ankles) - JOINTS_V
+        x_min, x_max, y_min, y_max = model.feet[0].bearing
+        self._zmp = 0.5 * config.zmp * np.array([x_min + x_max, y_min + y_max])  # on the sole (2,) [m]
 
         count = len(self._joints)
         #: Share that a step may take of the torque limit of each joint, then of its speed limit (2 n,) [-]
@@ -127,6 +133,8 @@ class StepLoads:
             jacobian = pin.getFrameJacobian(model, data, sole, pin.LOCAL)
             wrench = np.linalg.solve(jacobian[:, :JOINTS_V].T, force[:JOINTS_V])
             torques = (force - jacobian.T @ wrench)[JOINTS_V:]
+            wrench[3:5] = wrench[2] * np.array([self._zmp[1], -self._zmp[0]])
+            torques[self._knee] = force[JOINTS_V + self._knee] - jacobian[:, JOINTS_V + self._knee] @ wrench
             squares += (torques / self._model.tau_max)[self._joints] ** 2 / len(rates[1:])
         speeds = np.array(rates)[:, JOINTS_V:][:, self._joints] / self._model.v_max[self._joints]
         shares: Vector = np.sqrt(np.concatenate([squares, np.mean(speeds**2, axis=0)]))
@@ -135,9 +143,7 @@ class StepLoads:
     def _postures(self, step: Step, times: Vector) -> list[Vector]:
         """Configurations at times from the middle of a step."""
         model, pace, foot = self._model, step.pace, self._model.feet[0]
-        x_min, x_max, y_min, y_max = foot.bearing
-        middle = np.array([0.5 * (x_min + x_max), 0.5 * (y_min + y_max)])
-        zmp = self._soles[0].translation[:2] + self._config.zmp * middle
+        zmp = self._soles[0].translation[:2] + self._zmp
         omega, (first, last) = math.sqrt(GRAVITY / (self._com[2] - step.drop)), np.array(step.ends)
         end, postures = 0.5 * omega * pace.single, [self._stand]
         for t in times.tolist():
@@ -164,7 +170,14 @@ class StepLoads:
 
 
 def within_legs(model: RobotModel, config: GaitConfig) -> GaitConfig:
-    """The gait with crouch and velocity limits that the robot's legs allow."""
+    """The gait with ZMP, crouch and velocity limits that the robot's legs allow."""
+
+    def excess_at(back: float) -> float:
+        ahead = replace(config, zmp=1.0 - back)
+        return StepLoads(model, ahead, _CROUCH).excess(STILL, pace_at(0.0, config.pace))[0]
+
+    if StepLoads(model, config, _CROUCH).excess(STILL, pace_at(0.0, config.pace))[0] > 1.0:
+        config = replace(config, zmp=1.0 - _largest(excess_at, 1.0 - config.zmp, 0.0))
     loads = StepLoads(model, config, _CROUCH)
 
     def crouch(pace: Pace) -> float:

@@ -13,6 +13,8 @@ from models.proposal.profile_text import write_proposal
 from models.proposal.propose import propose
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState, SolveStatus
+from planners.gait.state import GaitPhase
+from planners.gait.strength import leg_limits
 
 KINDS = {
     "five-joint legs": Humanoid(ankle_roll=False),
@@ -124,6 +126,26 @@ def test_walks_forward_and_stands_again(kind: RobotModel) -> None:
     loop.run(2.5)
     assert not loop.fallen and loop.mode.value == "stand"
     assert 0.7 < loop.truth.q[0] < 1.5 and abs(loop.truth.q[1]) < 0.3
+
+
+@pytest.mark.long
+def test_a_walking_knee_bears_what_the_nominal_step_says(tmp_path: Path) -> None:
+    """At the velocity that weak knees allow they bear what is allowed, and are seldom at their limit."""
+    loop = ClosedLoop(proposed("weak knees", tmp_path), seed=3, record=False)
+    state, config = loop.gait.state, loop.gait.config
+    knees = [loop.robot.joint_index(f"{foot.name}_knee") for foot in loop.robot.feet]
+    assert leg_limits(loop.robot, config)["forward"] == "joint 'left_knee' of 40 N.m"
+    loop.command("walk")
+    loop.set_velocity(config.velocity.forward, 0.0, 0.0)
+    loop.run(4.0)
+    shares = []
+    for _ in range(2000):
+        loop.run(0.002)
+        if state.phase is GaitPhase.SINGLE:
+            knee = knees[state.stance]
+            shares.append(abs(loop.stack.result.command.tau[knee]) / loop.robot.tau_max[knee])
+    assert np.sqrt(np.mean(np.square(shares))) == pytest.approx(config.torque_share, rel=0.15)
+    assert np.mean(np.array(shares) > 0.95) < 0.15
 
 
 @pytest.mark.parametrize("direction", [0.0, 90.0, 180.0])

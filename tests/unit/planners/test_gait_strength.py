@@ -57,6 +57,8 @@ def test_weaker_knees_crouch_less_and_walk_slower(build: Build) -> None:
     for name in ("slow", "fast"):
         crouches = [getattr(gait.pace, name).crouch for gait in gaits]
         assert crouches == sorted(crouches, reverse=True) and crouches[0] > 0.03 and crouches[-1] < 0.01
+    places = [gait.zmp for gait in gaits]  # from under the ankle to the middle of the sole
+    assert places == sorted(places) and places[0] == pytest.approx(0.3) and places[-1] == 1.0
     speeds = [gait.velocity.forward for gait in gaits]
     assert speeds == sorted(speeds, reverse=True) and speeds[0] > 1.2 and 0.1 < speeds[-1] < 0.6
     for model, gait in zip(robots[1:], gaits[1:], strict=True):
