@@ -70,7 +70,7 @@ def test_walks_backward_sideways_and_faster(robot: str, velocity: tuple[float, f
     assert moved == pytest.approx(velocity[:2], abs=0.08)
 
 
-@pytest.mark.parametrize("direction", [(1.0, 0.0), (-1.0, 0.0)])
+@pytest.mark.parametrize("direction", [(1.0, 0.0), pytest.param((-1.0, 0.0), marks=pytest.mark.long)])
 def test_a_push_beyond_the_ankles_is_caught_by_steps(direction: tuple[float, float]) -> None:
     loop = ClosedLoop("g1", seed=1, record=False)
     loop.command("walk")
@@ -84,7 +84,7 @@ def test_a_push_beyond_the_ankles_is_caught_by_steps(direction: tuple[float, flo
     assert np.abs(loop.truth.v[6:]).mean() < 0.05
 
 
-@pytest.mark.parametrize(("degrees", "seed"), [(70.0, 31), (290.0, 32)])
+@pytest.mark.parametrize(("degrees", "seed"), [(70.0, 31), pytest.param(290.0, 32, marks=pytest.mark.long)])
 def test_a_wide_step_keeps_the_base_upright(degrees: float, seed: int) -> None:
     """The ankle of the stance foot comes to its limit half-way: the sole turns over its edge instead of the base.
 
@@ -106,6 +106,7 @@ def test_a_wide_step_keeps_the_base_upright(degrees: float, seed: int) -> None:
     assert not loop.gait.walking
 
 
+@pytest.mark.long
 def test_the_feet_bear_load_while_the_body_sinks_for_a_wide_step() -> None:
     """A CoM that falls as fast as it can leaves no force with which the stance foot could keep the body upright."""
     loop = ClosedLoop("g1", seed=34, record=False)
@@ -124,6 +125,7 @@ def test_the_feet_bear_load_while_the_body_sinks_for_a_wide_step() -> None:
     assert not loop.gait.walking
 
 
+@pytest.mark.long
 def test_a_push_while_the_weight_shifts_before_the_first_step_is_caught() -> None:
     loop = ClosedLoop("g1", seed=2, record=False)
     loop.command("walk")
@@ -175,7 +177,10 @@ def test_after_a_walk_it_is_settled_only_when_the_robot_is_at_rest() -> None:
     assert np.linalg.norm(loop.truth.q[:3] - place) < 0.003
 
 
-@pytest.mark.parametrize(("degrees", "waving"), [(90.0, False), (180.0, False), (0.0, True)])
+@pytest.mark.parametrize(
+    ("degrees", "waving"),
+    [(90.0, False), *(pytest.param(*each, marks=pytest.mark.long) for each in ((180.0, False), (0.0, True)))],
+)
 def test_pushed_in_mode_stand_it_steps_and_is_back_in_its_stance(degrees: float, waving: bool) -> None:
     loop = ClosedLoop("g1", seed=2, record=False)
     loop.run(0.3)
@@ -196,7 +201,7 @@ def test_pushed_in_mode_stand_it_steps_and_is_back_in_its_stance(degrees: float,
     assert np.abs(loop.truth.v[6:]).mean() < 0.05
 
 
-@pytest.mark.parametrize("degrees", [45.0, 180.0])
+@pytest.mark.parametrize("degrees", [pytest.param(45.0, marks=pytest.mark.long), 180.0])
 def test_a_standing_robot_steps_to_take_a_push_and_then_steps_back_to_its_stance(degrees: float) -> None:
     """More than twice what the ankles take; it comes to rest astride first, then beside its other foot."""
     loop = ClosedLoop(robot="g1", seed=0, record=False)

@@ -133,6 +133,7 @@ os._exit(0)  # what is left must not decide it
 """
 
 
+@pytest.mark.long
 def test_the_middleware_has_ended_before_the_process_does(ros_domain_id: int) -> None:
     """Its thread that watches the graph would read what the process destroys at its end: one run in twelve crashed."""
     environment = {**os.environ, **graph_environment()}

@@ -41,6 +41,7 @@ def test_everything_that_is_done_is_counted(short: Case) -> None:
     assert sum(short["modes"].values()) == pytest.approx(1.0)
 
 
+@pytest.mark.long
 def test_nothing_happens_to_the_robot(short: Case) -> None:
     assert short["ends"] == []
     assert short["torque_step"] <= 1.0 + 1e-9

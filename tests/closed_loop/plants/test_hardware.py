@@ -253,6 +253,7 @@ def test_after_a_crash_the_next_driver_only_damps(standing: HardwareLoop, tmp_pa
     assert not (tmp_path / "marker").exists()
 
 
+@pytest.mark.long
 def test_after_a_crash_the_first_press_of_the_stop_button_damps(standing: HardwareLoop) -> None:
     standing.running -= {Process.DRIVER, Process.GUARD}
     standing.run(0.1)
@@ -268,6 +269,7 @@ def test_after_a_crash_the_first_press_of_the_stop_button_damps(standing: Hardwa
     assert "button B" in standing.startup.waits_for
 
 
+@pytest.mark.long
 def test_a_guard_that_still_damps_after_a_crash_is_ended_for_the_robots_own_controller(standing: HardwareLoop) -> None:
     standing.running.discard(Process.DRIVER)
     standing.run(0.1)

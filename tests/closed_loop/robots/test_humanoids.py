@@ -148,7 +148,7 @@ def test_a_walking_knee_bears_what_the_nominal_step_says(tmp_path: Path) -> None
     assert np.mean(np.array(shares) > 0.95) < 0.15
 
 
-@pytest.mark.parametrize("direction", [0.0, 90.0, 180.0])
+@pytest.mark.parametrize("direction", [0.0, *(pytest.param(way, marks=pytest.mark.long) for way in (90.0, 180.0))])
 def test_a_push_does_not_fell_it(kind: RobotModel, direction: float) -> None:
     loop = ClosedLoop(kind, seed=2)
     loop.run(0.5)

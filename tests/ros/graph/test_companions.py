@@ -23,6 +23,7 @@ with companions(latency_config().scenarios["stress"], int(sys.argv[1]), Path(sys
 """
 
 
+@pytest.mark.long
 def test_a_killed_command_leaves_no_companion_behind(tmp_path: Path) -> None:
     words = [sys.executable, "-c", COMMAND, "77", str(tmp_path)]  # nothing speaks in that domain
     command = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)

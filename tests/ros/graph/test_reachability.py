@@ -106,6 +106,7 @@ def test_the_graph_is_reached_from_this_machine_only(tmp_path: Path, root: Path)
     assert result["addresses"] == [LOOPBACK]
 
 
+@pytest.mark.long
 def test_network_opens_it(tmp_path: Path, root: Path) -> None:
     """The control: the cable carries, and the visitor from outside would have been received."""
     result = reached("network", 30.0, tmp_path, root)

@@ -70,7 +70,7 @@ class Joints:
             self.joints.publish(self._codec.encode(10 * MS * self._tick, self._nothing, self._nothing, self._nothing))
 
 
-@pytest.mark.parametrize("ending", ["seconds", "SIGINT"])
+@pytest.mark.parametrize("ending", ["seconds", pytest.param("SIGINT", marks=pytest.mark.long)])
 def test_the_file_is_complete_and_loss_is_reported(
     bench: Any, g1: RobotModel, record: Any, tmp_path: Path, ending: str
 ) -> None:

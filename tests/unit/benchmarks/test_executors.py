@@ -30,7 +30,7 @@ def dask() -> Iterator[Callable[[], Executor]]:
         yield lambda: make_executor(2, made.scheduler_address)
 
 
-@pytest.fixture(params=["pool", "dask"])
+@pytest.fixture(params=["pool", pytest.param("dask", marks=pytest.mark.long)])
 def make(request: pytest.FixtureRequest) -> Callable[[], Executor]:
     """Both kinds of workers."""
     if request.param == "dask":

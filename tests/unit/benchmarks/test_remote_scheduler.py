@@ -153,6 +153,7 @@ def test_who_listens_and_is_no_scheduler_is_named(tmp_path: Path, monkeypatch: p
             swept(address, file, [{"seed": 1}], square)
 
 
+@pytest.mark.long
 def test_a_worker_of_another_revision_measures_nothing(
     cluster: Cluster, root: Path, begun: Path, tmp_path: Path
 ) -> None:

@@ -196,6 +196,7 @@ def test_the_tracking_error_averages_a_stride_away_but_not_an_offset() -> None:
     assert math.isnan(tracking_error(sway[:10], commands[:10], 20))
 
 
+@pytest.mark.long
 def test_a_short_walk_is_measured() -> None:
     """Three seconds of the real thing: it goes where the command says, and walking costs energy."""
     case = walk_cases.steady("talos", 0, (0.3, 0.0, 0.0), 5.0)

@@ -42,6 +42,7 @@ def test_the_cases_are_the_bounded_rises_or_those_chosen() -> None:
         BENCH.cases(Options("g1", scenarios=("ladder",)))
 
 
+@pytest.mark.long
 def test_a_walk_over_a_kerb_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     fields = {name: getattr(CONFIG, name) for name in CONFIG.__slots__}
     config = stairs.StairsConfig(**{**fields, "count": 1, "landing": 0.5})
