@@ -9,9 +9,9 @@ pendulum with its ZMP ``p`` at rest,
 from a to b, half-way to the other foot before and after the step, at the height of the gait with its rise; the swing
 foot moves from 2 a to 2 b. Inverse dynamics with all forces of the ground on the stance foot gives the torques. The
 root of the mean square of each over its limit is the share that the step takes of that joint: what carries the weight
-counts whole, the ends of a swing, which arms and a slower foot make up for, little. The arms also take up the moment
-of the swing leg, so that the CoP is the ZMP: with it there counts the knee of the stance leg, which bears the more the
-farther back the CoP is. Ankles do not count: their torque is the CoP's, which is kept where they hold it
+counts whole, the ends of a swing, which arms and a slower foot make up for, little. The arms take up the moment of
+the swing leg too, so that the CoP is the ZMP, farther back than without them. The stance knee bears more then, and
+counts with the CoP there. Ankles do not count: their torque is the CoP's, which is kept where they hold it
 (``Foot.bearing``), and a lifted foot may tip.
 
 The root of the mean square of a joint's speed over its limit is another share. A joint that is too slow for its way
@@ -80,7 +80,7 @@ class StepLoads:
         ankles = {joint.index_v for foot in model.feet for joint in foot.ankle}
         joints = {v for foot in model.feet for v in foot.chain_ids_v} - ankles
         self._joints = np.array(sorted(joints)) - JOINTS_V
-        self._knee = max(set(model.feet[0].chain_ids_v) - ankles) - JOINTS_V
+        self._knee = max(set(model.feet[0].chain_ids_v) - ankles) - JOINTS_V  # of the stance leg
         x_min, x_max, y_min, y_max = model.feet[0].bearing
         self._zmp = 0.5 * config.zmp * np.array([x_min + x_max, y_min + y_max])  # on the sole (2,) [m]
 
@@ -176,7 +176,7 @@ def within_legs(model: RobotModel, config: GaitConfig) -> GaitConfig:
         ahead = replace(config, zmp=1.0 - back)
         return StepLoads(model, ahead, _CROUCH).excess(STILL, pace_at(0.0, config.pace))[0]
 
-    if StepLoads(model, config, _CROUCH).excess(STILL, pace_at(0.0, config.pace))[0] > 1.0:
+    if excess_at(1.0 - config.zmp) > 1.0:
         config = replace(config, zmp=1.0 - _largest(excess_at, 1.0 - config.zmp, 0.0))
     loads = StepLoads(model, config, _CROUCH)
 
