@@ -76,8 +76,15 @@ def test_a_push_twice_the_bound_knocks_it_over(robot: str) -> None:
     assert loop.fallen
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("motion", ["wave", "squat"])
+@pytest.mark.parametrize(
+    ("robot", "motion"),
+    [
+        ("g1", "wave"),
+        ("talos", "squat"),
+        pytest.param("g1", "squat", marks=pytest.mark.long),
+        pytest.param("talos", "wave", marks=pytest.mark.long),
+    ],
+)
 def test_moves_while_pushed(robot: str, motion: str) -> None:
     loop = ClosedLoop(robot=robot, seed=2, record=False)
     loop.run(0.2)

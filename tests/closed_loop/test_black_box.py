@@ -120,6 +120,7 @@ def test_it_begins_with_any_checkpoint(fallen: ClosedLoop, tmp_path: Path) -> No
     assert f"from t={report.since:.3f} s on" in result.output
 
 
+@pytest.mark.long
 def test_a_changed_sensor_is_found(fallen: ClosedLoop) -> None:
     """One bit of a joint; a billionth of what is filtered, where one bit is lost in rounding; of the wrenches, which
     only tell which foot is loaded, a foot without load."""
@@ -138,6 +139,7 @@ def test_a_changed_sensor_is_found(fallen: ClosedLoop) -> None:
         assert round(1e3 * (report.first.t - record.t[row])) in range(50 if name == "wrenches" else 10), name
 
 
+@pytest.mark.long
 def test_what_cannot_be_run_again_is_said(fallen: ClosedLoop, tmp_path: Path) -> None:
     record = _record(fallen)
     assert record.last(1.0).replay is None

@@ -97,6 +97,7 @@ def test_the_file_is_complete_and_loss_is_reported(
     assert modes[0].log_time_ns >= joints[0].log_time_ns  # what is latched is of the robot's time, not of 1970
 
 
+@pytest.mark.long
 def test_nothing_received_leaves_no_file(ros_domain_id: int, record: Any, tmp_path: Path) -> None:
     process = record()
     process.stdout.readline()  # it waits for the robot
