@@ -158,6 +158,7 @@ def test_the_map_of_pushes_without_a_step_is_drawn(tmp_path: Path) -> None:
     assert [file.name for file in catalogue()["push"].load().plots(report, tmp_path)] == ["push-g1.png"]
 
 
+@pytest.mark.long
 def test_the_first_failure_of_each_scenario_on_terrain_is_drawn(moments: Case, tmp_path: Path) -> None:
     outcome = {"survived": False, "distance": 0.4, "reason": "base tilted", "moments": moments}
     cases = [
@@ -167,6 +168,7 @@ def test_the_first_failure_of_each_scenario_on_terrain_is_drawn(moments: Case, t
     assert files == ["terrain-g1-soft.png", "terrain-g1-tiles.png", "terrain-g1.png"]
 
 
+@pytest.mark.long
 def test_a_failure_is_drawn_the_same_from_json(moments: Case, tmp_path: Path) -> None:
     write_json(Report("walk", "g1", 1, {}, [{"moments": moments}], False, LOAD), tmp_path / "report.json")
     again = read_json(tmp_path / "report.json").cases[0]["moments"]

@@ -117,6 +117,7 @@ def test_no_start_in_motion(gyro: tuple[float, ...], accel: tuple[float, ...], c
         OrientationFilter().reset(np.array(gyro), np.array(accel))
 
 
+@pytest.mark.long
 def test_tilt_of_a_robot_that_waves_and_squats(g1: RobotModel) -> None:
     """Noise, bias and vibration of the simulated unit; the truth is the plant's."""
     loop = ClosedLoop(g1, seed=3, record=False)

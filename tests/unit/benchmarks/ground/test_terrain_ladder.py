@@ -58,6 +58,7 @@ def walks(robot: str = "g1", fails: dict[tuple[str, float], int] | None = None, 
         return catalogue()["terrain_ladder"].load().run(Options(robot, **{"seeds": 20, **options}))
 
 
+@pytest.mark.long
 def test_the_hardest_level_with_eighteen_of_twenty_is_held_and_judged() -> None:
     report = walks(fails={("tiles", 0.05): 2, ("tiles", 0.06): 3, ("friction", 0.5): 3, ("friction", 0.4): 0})
     figures = report.figures
