@@ -169,15 +169,19 @@ class StepLoads:
         return pin.SE3(yaw @ self._soles[1].rotation, place), way
 
 
+def _ahead(model: RobotModel, config: GaitConfig) -> GaitConfig:
+    """The gait with its ZMP as far ahead, at most in the middle of the sole, as the crouch requires."""
+
+    def at(back: float) -> GaitConfig:
+        return replace(config, zmp=back * config.zmp + (1.0 - back))
+
+    slow = pace_at(0.0, config.pace)
+    return at(_largest(lambda back: StepLoads(model, at(back), _CROUCH).excess(STILL, slow)[0], 1.0, 0.0))
+
+
 def within_legs(model: RobotModel, config: GaitConfig) -> GaitConfig:
     """The gait with ZMP, crouch and velocity limits that the robot's legs allow."""
-
-    def excess_at(back: float) -> float:
-        ahead = replace(config, zmp=1.0 - back)
-        return StepLoads(model, ahead, _CROUCH).excess(STILL, pace_at(0.0, config.pace))[0]
-
-    if excess_at(1.0 - config.zmp) > 1.0:
-        config = replace(config, zmp=1.0 - _largest(excess_at, 1.0 - config.zmp, 0.0))
+    config = _ahead(model, config)
     loads = StepLoads(model, config, _CROUCH)
 
     def crouch(pace: Pace) -> float:
