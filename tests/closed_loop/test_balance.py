@@ -51,7 +51,7 @@ def test_stands_still(robot: str) -> None:
     assert loop.foot_slip.max() < 0.005
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ["g1", pytest.param("talos", marks=pytest.mark.long)])
 def test_takes_the_required_pushes_without_a_step(robot: str) -> None:
     loop = without_steps(robot)
     loop.run(0.5)

@@ -52,6 +52,7 @@ def test_it_climbs_three_steps_and_descends_them_along_known_footsteps() -> None
     assert tilts.max() < 20.0
 
 
+@pytest.mark.long
 def test_stopped_on_the_way_up_it_lands_on_the_tread_and_stands_there() -> None:
     loop, _ = on_stairs(2, seed=5)
     while loop.gait.steps < 2 or loop.gait.phase is not GaitPhase.SINGLE:

@@ -56,7 +56,12 @@ def test_walks_forward_turns_and_stops() -> None:
 
 @pytest.mark.parametrize(
     ("robot", "velocity"),
-    [("g1", (-0.25, 0.0, 0.0)), ("g1", (0.0, 0.2, 0.0)), ("g1", (0.7, 0.0, 0.0)), ("talos", (0.3, 0.0, 0.0))],
+    [
+        ("g1", (-0.25, 0.0, 0.0)),
+        pytest.param("g1", (0.0, 0.2, 0.0), marks=pytest.mark.long),
+        ("g1", (0.7, 0.0, 0.0)),
+        pytest.param("talos", (0.3, 0.0, 0.0), marks=pytest.mark.long),
+    ],
 )
 def test_walks_backward_sideways_and_faster(robot: str, velocity: tuple[float, float, float]) -> None:
     loop = ClosedLoop(robot, seed=5, record=False)
@@ -159,6 +164,7 @@ def test_a_walk_repeats_bit_for_bit() -> None:
     assert (run() == first).all()
 
 
+@pytest.mark.long
 def test_after_a_walk_it_is_settled_only_when_the_robot_is_at_rest() -> None:
     loop = ClosedLoop("g1", seed=0, record=False)
     loop.command("walk")

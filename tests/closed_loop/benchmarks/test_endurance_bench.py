@@ -56,7 +56,9 @@ def test_a_fall_is_reported_and_the_hour_goes_on(g1: RobotModel) -> None:
     assert case["push"] == 15
 
 
-@pytest.mark.parametrize("change", [{"memory_limit": 0.5}, {"torque_step_limit": 1e-6}])
+@pytest.mark.parametrize(
+    "change", [{"memory_limit": 0.5}, pytest.param({"torque_step_limit": 1e-6}, marks=pytest.mark.long)]
+)
 def test_every_bound_decides(g1: RobotModel, change: dict[str, float]) -> None:
     def grows() -> Iterator[SimpleNamespace]:
         kib = 0

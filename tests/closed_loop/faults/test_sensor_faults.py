@@ -68,7 +68,7 @@ def test_known_pushes_are_felt_and_nothing_else(robot: RobotModel) -> None:
         ("g1", "off"),
         ("g1", "absent"),
         pytest.param("talos", "on", marks=pytest.mark.slow),
-        ("talos", "off"),
+        pytest.param("talos", "off", marks=pytest.mark.long),
         pytest.param("talos", "absent", marks=pytest.mark.slow),
     ],
 )

@@ -387,7 +387,7 @@ def test_only_a_robot_that_has_crouched_may_relax(standing: HardwareLoop) -> Non
     ("stop", "reason"),
     [
         (lambda loop: loop.side.press(B_BUTTON), "button B"),
-        (lambda loop: loop.drivers.set_mode(Mode.DAMP), "mode damp was requested"),
+        pytest.param(lambda loop: loop.drivers.set_mode(Mode.DAMP), "mode damp was requested", marks=pytest.mark.long),
     ],
     ids=["remote controller", "mode"],
 )

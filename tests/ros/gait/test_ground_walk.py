@@ -170,6 +170,7 @@ def test_told_so_it_walks_to_a_goal_around_what_is_in_the_way(bench: Any, g1: Ro
     assert robot.routes[-1].reason == "no way around"
 
 
+@pytest.mark.long
 def test_where_nothing_is_to_be_passed_it_follows_plans(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.node.set_parameters([Parameter("around", value=True)])
