@@ -67,7 +67,7 @@ class Arbiter:
     it falls silent. A velocity set by a text command, such as ``forward``, holds until a source of at least the same
     priority sends another command. A lock silences the sources below it.
 
-    It has no clock: times [s] are arguments and never decrease. ``config`` is the packaged
+    It has no clock: times [s] are arguments, and decrease only with ``restart``. ``config`` is the packaged
     ``controllers/config/arbitration.yaml`` when None.
 
     References:
@@ -79,6 +79,11 @@ class Arbiter:
         self._order = sorted(self.config.sources, key=lambda name: -self.config.sources[name].priority)
         self._locked = dict.fromkeys(self.config.locks, False)
         self._updated = dict.fromkeys(self.config.locks, -math.inf)
+        self.forget()
+
+    def restart(self) -> None:
+        """The clock has gone back: forget all commands; locks that must be kept open close."""
+        self._updated = dict.fromkeys(self._updated, -math.inf)
         self.forget()
 
     def forget(self) -> None:
@@ -99,9 +104,7 @@ class Arbiter:
 
     def hold(self, source: str, velocity: Velocity) -> None:
         """Hold a velocity set by a text command; earlier commands of its source and those below are forgotten."""
-        for name in self._order:
-            if self._priority(name) <= self._priority(source):
-                self._commands[name] = _Source()
+        self._forget_below(source, 0.0)
         self._commands[source] = _Source(velocity, math.inf)
 
     def repeat(self, source: str, velocity: Velocity, t: float) -> None:
@@ -109,6 +112,7 @@ class Arbiter:
         self._require_open(source, t)
         if not all(math.isfinite(value) for value in velocity):
             raise CommandError(f"velocity {velocity} of '{source}' is not finite")
+        self._forget_below(source, math.inf)
         self._commands[source] = _Source(velocity, t + self.config.sources[source].timeout)
 
     def lock(self, name: str, locked: bool, t: float) -> None:
@@ -133,6 +137,12 @@ class Arbiter:
         """Of the source in command now [s]; zero when there is none."""
         name = self.in_command(t)
         return STILL if name == NO_SOURCE else self._commands[name].velocity
+
+    def _forget_below(self, source: str, until: float) -> None:
+        """Forget commands of a source, and those below it, that apply until a time [s] or later."""
+        for name in self._order:
+            if self._priority(name) <= self._priority(source) and self._commands[name].until >= until:
+                self._commands[name] = _Source()
 
     def _priority(self, source: str) -> int:
         return self.config.sources[source].priority

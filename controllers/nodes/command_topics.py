@@ -70,7 +70,8 @@ class CommandTopics:
             ScanTopic(node, obstacles, lambda: reports.t)
         self._speaker, self._commander = PLAIN, ""
         self._last_stamp = 0
-        self._last_velocity = -math.inf  # time of the newest velocity [s]
+        self._newest = dict.fromkeys(config.sources, -math.inf)  # time of each source's newest velocity [s]
+        self._t = 0.0  # of the last update [s]
         self._walking = False
         self._velocity = node.announce(Twist, topics.GAIT_VELOCITY, COMMAND)
         self._stop = node.announce(Empty, topics.GAIT_STOP, EVENT)
@@ -112,6 +113,9 @@ class CommandTopics:
     def publish(self) -> None:
         """Repeat the velocity while the robot walks, and publish a change of the commanding source."""
         t, walking = self._reports.t, self._law.mode is Mode.WALK
+        if t < self._t:
+            self._restart(t)
+        self._t = t
         if walking:
             self._velocity.publish(velocity_to_twist(self._allowed(t)))
             if not (self._on_the_way or self._reports.gait_active or any(self._arbiter.velocity(t))):
@@ -123,6 +127,12 @@ class CommandTopics:
         if commander != self._commander:
             self._commander = commander
             self._commander_topic.publish(String(data=commander))
+
+    def _restart(self, t: float) -> None:
+        """``/clock`` has gone back to a time [s], with the plant behind it: what was said before counts no more."""
+        self._arbiter.restart()
+        self._newest = dict.fromkeys(self._newest, t)
+        self._last_stamp = 0
 
     def _allowed(self, t: float) -> Velocity:
         """The commanded velocity as limited by holds and obstacles; a walk to a goal, held or blocked, is ended."""
@@ -180,14 +190,14 @@ class CommandTopics:
         """Accept a velocity of a source; ``CommandError`` when the robot does not walk at it."""
         t, law, mode = self._reports.t, self._law, self._law.mode
         walking, moving = mode is Mode.WALK, any(velocity)
-        fresh = t - self._last_velocity > self._arbiter.config.sources[source].timeout or not moving
-        self._last_velocity = t
-        if walking:
+        fresh = t - self._newest[source] > self._arbiter.config.sources[source].timeout or not moving
+        self._newest[source] = t
+        if walking and not law.barred(source, fresh=fresh):
             self._arbiter.repeat(source, velocity, t)
             moving = any(self._arbiter.velocity(t))
         elif moving:
             self._arbiter.require(source, t)
-        reply = law.drive(moving, fresh=fresh)
+        reply = law.drive(moving, fresh=fresh, source=source)
         if not reply.accepted:
             raise CommandError(reply.reason)
         if law.mode is not mode:

@@ -62,7 +62,8 @@ class Supervisor:
         self._pending: str | None = None
         self._velocity: Velocity | None = None
         self._halting = self._by_velocity = False
-        self._barred = mode is not Mode.OFF  # a velocity that goes on after a stop begins no walk
+        self._barred = mode is not Mode.OFF  # velocities that go on after a stop begin no walk
+        self._lifted: set[str] = set()  # sources whose velocity was zero, or paused, since
         self._motion_seen = False
         self._motion_since: float | None = None
 
@@ -146,14 +147,20 @@ class Supervisor:
         found = found - {"walk"} or found  # "walk forward" is forward
         return found.pop() if len(found) == 1 and not others and _SENTENCE.fullmatch(text) else text
 
-    def drive(self, moving: bool, *, fresh: bool) -> CommandReply:
-        """Accept a velocity in mode ``walk``, or have it begin a walk of a standing robot.
+    def barred(self, source: str, *, fresh: bool) -> bool:
+        """Whether the velocity of a source goes on from before a stop; ``fresh``: it is zero, or the first of its source
+        after a pause."""
+        if fresh:
+            self._lifted.add(source)
+        return self._barred and source not in self._lifted
 
-        ``moving`` is whether it is not zero, ``fresh`` whether it is zero, or the first one after a pause: one that
-        goes on after ``stop`` begins no walk.
+    def drive(self, moving: bool, *, fresh: bool, source: str = "") -> CommandReply:
+        """Accept a velocity of a source in mode ``walk``, or have it begin a walk of a standing robot.
+
+        ``moving`` is whether it is not zero. One that is ``barred`` begins no walk, and none is continued with it.
         """
-        self._barred = self._barred and not fresh
-        if self.mode is Mode.WALK and (self._barred or not moving or not self.still):
+        barred = self.barred(source, fresh=fresh)
+        if self.mode is Mode.WALK and (self.still if barred else not moving or not self.still):
             return CommandReply(True, "velocity accepted")
         if self.mode not in (Mode.STAND, Mode.WALK):
             return self._refuse(Mode.WALK, "send 'stop' first" if self.mode is Mode.MOTION else self._to_stand)
@@ -161,7 +168,7 @@ class Supervisor:
             return self._refuse(Mode.WALK, "request mode/walk first")
         if not moving:
             return CommandReply(True, "zero velocity: standing")
-        if self._barred:
+        if barred:
             return self._refuse(Mode.WALK, "the robot was stopped; a velocity walks again after a zero or a pause")
         reply = self._walk()
         self._by_velocity |= reply.accepted
@@ -170,8 +177,9 @@ class Supervisor:
     def rest(self) -> None:
         """The robot stands still in mode ``walk`` at zero velocity: a walk that a velocity began ends in a stand."""
         if self._by_velocity and not self._halting and self.motion is None:
+            before = self._barred, self._lifted
             self._stop()
-            self._barred = False
+            self._barred, self._lifted = before
 
     def take_motion(self) -> str | None:
         """Name of a motion to plan and follow, returned once; ``"stop"`` means hold the present posture."""
@@ -312,7 +320,7 @@ class Supervisor:
         )
 
     def _stop(self) -> CommandReply:
-        self._barred = True
+        self._bar()
         if self.mode is Mode.WALK:
             self._velocity, self._halting = (0.0, 0.0, 0.0), True
             if self.motion is not None:
@@ -328,12 +336,17 @@ class Supervisor:
         self._pending = "stop"
         return CommandReply(True, f"motion '{stopped}' stopped; holding this posture")
 
+    def _bar(self) -> None:
+        """Let no velocity walk that goes on from now."""
+        self._barred, self._lifted = True, set()
+
     def _enter(self, mode: Mode, reason: str) -> CommandReply:
         if self.mode in ACTIVE_MODES and mode not in ACTIVE_MODES:
             self.preflight = (f"preflight checks have not been repeated since mode '{mode.value}'",)
             self.holds = ()
         self.mode = mode
-        self._barred |= mode not in ACTIVE_MODES
+        if mode not in ACTIVE_MODES:
+            self._bar()
         self.motion = self._pending = None
         self._velocity, self._halting, self._by_velocity = None, False, False
         self._motion_seen, self._motion_since = False, None

@@ -105,6 +105,21 @@ def test_the_source_of_the_highest_priority_is_in_command(bench: Any, sources: S
     assert sources.world.modes[-1] == "walk"
 
 
+def test_a_stopped_stream_does_not_walk_again_on_the_zero_of_another_source(bench: Any, sources: Sources) -> None:
+    ahead, idle = (0.3, 0.0, 0.0), bench.world.create_publisher(Twist, topics.source_topics("autonomy")[1], COMMAND)
+    bench.wait(lambda: idle.get_subscription_count() == 1)
+    sources.until(ahead, (sources.plain, ahead))
+    sources.gait.publish(GaitStatus(ready=True, settled=False))
+    bench.wait(lambda: sources.node._reports.gait_active)
+    sources.autonomy.publish(String(data="stop"))
+    bench.wait(lambda: sources.node._law.still)
+    for _ in range(10):
+        sources.until((0.0, 0.0, 0.0), (sources.plain, ahead), (idle, (0.0, 0.0, 0.0)))
+        assert sources.node._law.still
+    sources.until((0.0, 0.0, 0.0), (sources.plain, (0.0, 0.0, 0.0)))
+    sources.until(ahead, (sources.plain, ahead))
+
+
 def test_a_velocity_begins_a_walk_that_ends_in_a_stand(bench: Any, sources: Sources) -> None:
     ahead = (0.3, 0.0, 0.0)
     sources.until(ahead, (sources.plain, ahead))

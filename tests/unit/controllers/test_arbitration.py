@@ -57,7 +57,8 @@ def test_the_velocity_of_a_word_holds_until_an_equal_says_something_else(arbiter
     assert arbiter.velocity(100.1) == AHEAD
     arbiter.repeat("teleop", LEFT, 100.0)
     assert arbiter.velocity(100.1) == LEFT
-    assert arbiter.velocity(100.6) == AHEAD  # the higher one has let go
+    assert arbiter.velocity(100.6) == STILL  # the higher one has let go; what it overruled does not come back
+    arbiter.hold("plain", AHEAD)
     arbiter.repeat("plain", TURN, 101.0)
     assert arbiter.velocity(101.0) == TURN
     assert arbiter.velocity(102.0) == STILL  # silence does not bring the word back
@@ -92,7 +93,7 @@ def test_a_lock_silences_what_is_below_it(arbiter: Arbiter) -> None:
         arbiter.lock("door", True, 0.0)
 
 
-def test_a_lock_that_must_be_kept_open_closes_in_silence() -> None:
+def test_a_lock_that_must_be_kept_open_closes_in_silence_and_when_the_clock_goes_back() -> None:
     config = replace(default_config(ArbitrationConfig, "controllers", "arbitration"))
     arbiter = Arbiter(replace(config, locks={"dead_man": LockConfig(priority=150, timeout=0.2)}))
     with pytest.raises(CommandError, match="locked out by 'dead_man'"):
@@ -101,6 +102,10 @@ def test_a_lock_that_must_be_kept_open_closes_in_silence() -> None:
     arbiter.repeat("teleop", AHEAD, 1.0)
     assert arbiter.velocity(1.2) == AHEAD
     assert arbiter.velocity(1.21) == STILL
+    arbiter.lock("dead_man", False, 1.3)
+    arbiter.executed("teleop", 1.3)
+    arbiter.restart()
+    assert (arbiter.locks(0.1), arbiter.in_command(0.1)) == (("dead_man",), NO_SOURCE)
 
 
 @pytest.mark.parametrize("bad", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)])
@@ -149,6 +154,9 @@ def test_no_source_above_the_one_in_command_is_fresh_and_open(events: list[tuple
         closed = locked and config.sources[source].priority < 2
         if kind == "repeat" and not closed:
             arbiter.repeat(source, AHEAD, t)
+            for name, of in config.sources.items():
+                if of.priority < config.sources[source].priority and until[name] == math.inf:
+                    until[name] = -1.0
             until[source] = t + 0.5
         elif kind == "spoke" and not closed:
             arbiter.executed(source, t)

@@ -363,6 +363,20 @@ def test_a_velocity_that_goes_on_after_a_stop_begins_no_walk(walker: Supervisor,
     assert walker.drive(True, fresh=True).accepted and walker.mode is Mode.WALK
 
 
+def test_only_its_own_zero_or_pause_lets_a_velocity_walk_again(walker: Supervisor) -> None:
+    assert walker.drive(True, fresh=True, source="plain").accepted
+    walker.text("stop")
+    assert walker.drive(False, fresh=True, source="autonomy").accepted
+    assert walker.barred("plain", fresh=False) and walker.drive(True, fresh=False, source="plain").accepted
+    assert walker.still and walker.update(WELL, 1.0) is Mode.STAND
+    assert not walker.drive(True, fresh=False, source="plain").accepted
+    assert walker.drive(True, fresh=False, source="autonomy").accepted and walker.mode is Mode.WALK
+    assert "walks again after a zero or a pause" in walker.drive(True, fresh=False, source="plain").reason
+    walker.rest()
+    assert walker.update(WELL, 1.02) is Mode.STAND and walker.barred("plain", fresh=False)
+    assert walker.drive(True, fresh=True, source="plain").accepted
+
+
 def test_velocities_begin_no_walk_where_that_is_disabled(g1: RobotModel) -> None:
     config = replace(default_config(SupervisorConfig, "controllers", "supervisor"), walk_on_velocity=False)
     law = Supervisor(g1, config, gait=True)
