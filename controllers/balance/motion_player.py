@@ -11,6 +11,8 @@ from models.robot_model import RobotModel
 from models.trajectory import TrajectorySampler, validate_trajectory
 from models.types import JointTrajectory, Reference, Vector
 
+STILL = 1e-9  #: Velocity that rounding leaves [rad/s]
+
 
 class MotionPlayer:
     """Samples the posture that the robot holds or moves through, with the optional ``head`` on top of it.
@@ -38,6 +40,7 @@ class MotionPlayer:
         """Hold joint positions (nj,) [rad], brought into their limits."""
         self._motion: TrajectorySampler | None = None
         self._time, self._standing_up = 0.0, False
+        self._former, self._fade = self.zero, 0.0
         self._legs: Vector | None = None  # posture of legs and torso while a motion moves arms and head only
         self._hold = np.clip(joints, self._model.q_lower, self._model.q_upper)
         self._last = self._hold, self.zero
@@ -46,8 +49,9 @@ class MotionPlayer:
     def follow(self, trajectory: JointTrajectory, reference: Reference, *, walking: bool, stepping: bool) -> None:
         """Start a motion from the posture reference of the last tick; a running one is replaced without a jump.
 
-        A single point at rest takes at least ``setpoint_time_s``, so that a stream of them is followed
-        smoothly. A motion that does not end at rest slows down after its end like a stopped one. While ``walking``,
+        A single point at rest, or at t = 0, takes at least ``setpoint_time_s``, so that a stream of them is followed
+        smoothly. A velocity that the motion does not start with, also that of a joint which it does not name, fades out
+        within ``stop_time_s``. A motion that does not end at rest slows down after its end like a stopped one. While ``walking``,
         only arms and head follow, blended in and out; while ``stepping``, the gait moves legs and torso until the
         motion ends. Raises ``TrajectoryError`` or ``JointNameError`` as ``validate_trajectory`` does.
         """
@@ -56,9 +60,9 @@ class MotionPlayer:
             self._upper.follow(trajectory, start)
             return
         moving = trajectory.velocities is not None and trajectory.velocities.any()
-        if len(trajectory.times) == 1 and not moving:  # a setpoint, perhaps one of a stream
+        if len(trajectory.times) == 1 and not (moving and trajectory.times[0] > 0.0):  # a setpoint, perhaps of a stream
             trajectory = replace(trajectory, times=np.maximum(trajectory.times, self._config.setpoint_time_s))
-        validate_trajectory(trajectory, self._model, start_q=start)
+        validate_trajectory(trajectory, self._model, start_q=start, start_v=speed)
         if stepping and self._legs is None:
             self._legs = self._last[0]
         self._begin(trajectory, start, speed)
@@ -109,13 +113,15 @@ class MotionPlayer:
             self._slow_down(*self._last)
             self._time = dt
         sample = self._motion.sample(self._time)
+        if self._time < self._fade:
+            sample = self._with_former(sample)
         if self._legs is not None:
             sample = (
                 np.where(self.free, sample[0], self._legs),
                 np.where(self.free, sample[1], 0.0),
                 np.where(self.free, sample[2], 0.0),
             )
-        if self._time >= self._motion.duration:
+        if self._time >= max(self._motion.duration, self._fade):
             self._hold = sample[0].copy()
             self._motion = self._legs = None
         return sample
@@ -135,6 +141,20 @@ class MotionPlayer:
     def _begin(self, trajectory: JointTrajectory, start: Vector, speed: Vector) -> None:
         self._motion = TrajectorySampler(trajectory, self._model, start, speed)
         self._time, self._standing_up = 0.0, False
+        left = speed - self._motion.sample(0.0)[1]
+        self._former = np.where(np.abs(left) > STILL, left, 0.0)
+        self._fade = self._config.stop_time_s if self._former.any() else 0.0
+
+    def _with_former(self, sample: tuple[Vector, Vector, Vector]) -> tuple[Vector, Vector, Vector]:
+        """A sample with what is left of the velocity before the motion: a quintic from it to nothing, within limits."""
+        u, model = self._time / self._fade, self._model
+        offset = self._fade * u * (1.0 + u * u * (-6.0 + u * (8.0 - 3.0 * u))) * self._former
+        low, high = np.minimum(model.q_lower - sample[0], 0.0), np.maximum(model.q_upper - sample[0], 0.0)
+        return (
+            sample[0] + np.clip(offset, low, high),
+            sample[1] + (1.0 + u * u * (-18.0 + u * (32.0 - 15.0 * u))) * self._former,
+            sample[2] + u * (-36.0 + u * (96.0 - 60.0 * u)) / self._fade * self._former,
+        )
 
     def _trajectory_to(self, end: Vector, time: float) -> JointTrajectory:
         """Trajectory to a posture (nj,) [rad] at rest within a time [s]."""

@@ -1,0 +1,91 @@
+"""Motions that replace a running one: posture and velocity go on without a step."""
+
+from msgspec.structs import replace
+
+import numpy as np
+import pytest
+
+from controllers.balance.motion_player import MotionPlayer
+from controllers.whole_body.config import load_balance_config
+from models.errors import TrajectoryError
+from models.robot_model import RobotModel
+from models.types import JointTrajectory, Reference, Vector
+from tests.unit.controllers.test_upper_body import reference
+
+DT, SPEED = 0.001, 2.0
+MOVED, OTHER = "left_elbow", "right_elbow"
+
+
+class Played:
+    """A player whose joint ``MOVED`` is in motion at ``SPEED`` [rad/s] until a second motion replaces the first."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model, self.player = model, MotionPlayer(model, load_balance_config(model), None)
+        self.joint = model.joint_index(MOVED)
+        self.begin = model.posture("stand")
+        self.last: tuple[Vector, Vector, Vector] = self.begin, self.player.zero, self.player.zero
+        point = np.array([[self.begin[self.joint] + 0.3]])
+        self.follow((MOVED,), [0.3], point, np.array([[SPEED]]))
+        while self.last[1][self.joint] < 0.99 * SPEED:
+            self.last = self.player.step(DT)
+
+    @property
+    def reference(self) -> Reference:
+        return replace(reference(self.model, 0.0), posture=self.last[0], posture_velocity=self.last[1])
+
+    def follow(self, names: tuple[str, ...], times: list[float], q: np.ndarray, v: np.ndarray | None = None) -> None:
+        trajectory = JointTrajectory(names, np.array(times), q, v)
+        self.player.follow(trajectory, self.reference, walking=False, stepping=False)
+
+    def to_the_end(self) -> np.ndarray:
+        """Posture, velocity and acceleration of the last tick before and of those until rest (n, 3, nj)."""
+        rows = [self.last]
+        while self.player.active:
+            rows.append(self.player.step(DT))
+        return np.array(rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "times", "offsets", "velocities"),
+    [
+        (MOVED, [0.0, 1.0], [0.0, 0.2], None),
+        (MOVED, [0.0, 0.01, 0.02, 0.03, 1.0], [0.0, 0.0, 0.0, 0.0, 0.0], None),  # as dense as a planner's
+        (MOVED, [0.0], [0.09], [0.1]),
+        (OTHER, [0.5], [0.3], None),  # another joint
+        (OTHER, [0.0], [0.0], None),
+    ],
+)
+def test_a_motion_that_replaces_another_takes_its_velocity_over(
+    g1: RobotModel, name: str, times: list[float], offsets: list[float], velocities: list[float] | None
+) -> None:
+    played = Played(g1)
+    here, index = played.last[0].copy(), g1.joint_index(name)
+    points = (here[index] + np.array(offsets))[:, None]
+    played.follow((name,), times, points, None if velocities is None else np.array(velocities)[:, None])
+    rows = played.to_the_end()
+    q, v, a = rows.transpose(1, 0, 2)
+    assert np.abs(np.diff(q, axis=0)).max() < 1.1 * SPEED * DT  # no step
+    assert np.abs(np.diff(v, axis=0)).max() < 80.0 * DT
+    assert np.abs(np.diff(q, axis=0) / DT - 0.5 * (v[1:] + v[:-1])).max() < 1e-3
+    assert np.abs(np.diff(v[1:], axis=0) / DT - 0.5 * (a[2:] + a[1:-1])).max() < 0.5
+    if velocities is None:
+        assert q[-1, index] == pytest.approx(points[-1, 0], abs=1e-9)
+    others = np.arange(g1.nj) != index
+    assert q[-1, others] == pytest.approx(here[others], abs=1e-9)
+    assert not v[-1].any()
+
+
+def test_one_that_the_velocity_before_would_take_beyond_a_limit_is_refused(g1: RobotModel) -> None:
+    played = Played(g1)
+    limit = float(g1.q_upper[played.joint])
+    played.last[0][played.joint] = limit - 0.05
+    with pytest.raises(TrajectoryError, match=rf"{MOVED}.*start: the curve after this point leaves"):
+        played.follow((MOVED,), [0.5], np.array([[limit - 0.05]]))
+
+
+def test_what_fades_out_stays_within_the_limits(g1: RobotModel) -> None:
+    played = Played(g1)
+    limit = float(g1.q_upper[played.joint])
+    played.last[0][played.joint] = limit - 0.01
+    played.follow((OTHER,), [0.5], played.last[0][g1.joint_index(OTHER)].reshape(1, 1))
+    assert played.to_the_end()[:, 0, played.joint].max() <= limit + 1e-12
