@@ -40,6 +40,24 @@ def quintic_step(
     )
 
 
+#: Coefficients of a quintic to rest at zero, of position, velocity and acceleration at its beginning
+_TO_REST = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 0.5], [-10, -6, -1.5], [15, 8, 1.5], [-6, -3, -0.5]])
+
+
+def fade_out(start: Matrix, t: float, time: float) -> Matrix:
+    """Position, velocity and acceleration (3, n) at t [s] of quintics from ``start`` to rest at zero in ``time`` [s]."""
+    u, scale = t / time, np.array([1.0, time, time * time])
+    powers = np.array(
+        [
+            [1.0, u, u**2, u**3, u**4, u**5],
+            [0.0, 1.0, 2.0 * u, 3.0 * u**2, 4.0 * u**3, 5.0 * u**4],
+            [0.0, 0.0, 2.0, 6.0 * u, 12.0 * u**2, 20.0 * u**3],
+        ]
+    )
+    faded: Matrix = (powers / scale[:, None]) @ _TO_REST @ (scale[:, None] * start)
+    return faded
+
+
 def monotone_velocities(times: Vector, q: Matrix) -> Matrix:
     """Velocities (n, k) [rad/s] such that the cubic through the points (n, k) [rad] at times (n,) [s] overshoots none.
 

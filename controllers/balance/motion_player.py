@@ -8,6 +8,7 @@ from controllers.balance.head import Head
 from controllers.balance.upper_body import UpperBodyMotion
 from controllers.whole_body.config import BalanceConfig
 from models.robot_model import RobotModel
+from models.spline import fade_out
 from models.trajectory import TrajectorySampler, validate_trajectory
 from models.types import JointTrajectory, Reference, Vector
 
@@ -40,7 +41,7 @@ class MotionPlayer:
         """Hold joint positions (nj,) [rad], brought into their limits."""
         self._motion: TrajectorySampler | None = None
         self._time, self._standing_up = 0.0, False
-        self._former, self._fade = self.zero, 0.0
+        self._fade = 0.0  # time in which ``_former`` fades out [s]
         self._legs: Vector | None = None  # posture of legs and torso while a motion moves arms and head only
         self._hold = np.clip(joints, self._model.q_lower, self._model.q_upper)
         self._last = self._hold, self.zero
@@ -51,9 +52,9 @@ class MotionPlayer:
 
         A single point at rest, or at t = 0, takes at least ``setpoint_time_s``, so that a stream of them is followed
         smoothly. A velocity that the motion does not start with, also that of a joint which it does not name, fades out
-        within ``stop_time_s``. A motion that does not end at rest slows down after its end like a stopped one. While ``walking``,
-        only arms and head follow, blended in and out; while ``stepping``, the gait moves legs and torso until the
-        motion ends. Raises ``TrajectoryError`` or ``JointNameError`` as ``validate_trajectory`` does.
+        within ``stop_time_s``. A motion that does not end at rest slows down after its end like a stopped one. While
+        ``walking``, only arms and head follow, blended in and out; while ``stepping``, the gait moves legs and torso
+        until the motion ends. Raises ``TrajectoryError`` or ``JointNameError`` as ``validate_trajectory`` does.
         """
         start, speed = self._start(reference, trajectory)
         if walking:
@@ -65,6 +66,7 @@ class MotionPlayer:
         validate_trajectory(trajectory, self._model, start_q=start, start_v=speed)
         if stepping and self._legs is None:
             self._legs = self._last[0]
+        self._upper.drop()  # a motion of the walk that still fades out: it is in ``start``
         self._begin(trajectory, start, speed)
 
     def stop(self, reference: Reference) -> None:
@@ -76,7 +78,7 @@ class MotionPlayer:
 
     def stand_up(self) -> None:
         """End any motion and go from the present posture to 'stand', which the arms keep during a walk."""
-        self._upper.drop()
+        self._upper.stop()
         if self._motion is None and np.array_equal(self._last[0], self._stand):
             return
         self._begin(self._trajectory_to(self._stand, self._config.stand_up_s), *self._last)
@@ -142,19 +144,16 @@ class MotionPlayer:
         self._motion = TrajectorySampler(trajectory, self._model, start, speed)
         self._time, self._standing_up = 0.0, False
         left = speed - self._motion.sample(0.0)[1]
-        self._former = np.where(np.abs(left) > STILL, left, 0.0)
+        self._former = np.zeros((3, self._model.nj))
+        self._former[1] = np.where(np.abs(left) > STILL, left, 0.0)
         self._fade = self._config.stop_time_s if self._former.any() else 0.0
 
     def _with_former(self, sample: tuple[Vector, Vector, Vector]) -> tuple[Vector, Vector, Vector]:
-        """A sample with what is left of the velocity before the motion: a quintic from it to nothing, within limits."""
-        u, model = self._time / self._fade, self._model
-        offset = self._fade * u * (1.0 + u * u * (-6.0 + u * (8.0 - 3.0 * u))) * self._former
-        low, high = np.minimum(model.q_lower - sample[0], 0.0), np.maximum(model.q_upper - sample[0], 0.0)
-        return (
-            sample[0] + np.clip(offset, low, high),
-            sample[1] + (1.0 + u * u * (-18.0 + u * (32.0 - 15.0 * u))) * self._former,
-            sample[2] + u * (-36.0 + u * (96.0 - 60.0 * u)) / self._fade * self._former,
-        )
+        """A sample with what is left of the velocity before the motion, within the joint limits."""
+        offset, velocity, acceleration = fade_out(self._former, self._time, self._fade)
+        low = np.minimum(self._model.q_lower - sample[0], 0.0)
+        high = np.maximum(self._model.q_upper - sample[0], 0.0)
+        return sample[0] + np.clip(offset, low, high), sample[1] + velocity, sample[2] + acceleration
 
     def _trajectory_to(self, end: Vector, time: float) -> JointTrajectory:
         """Trajectory to a posture (nj,) [rad] at rest within a time [s]."""

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.robot_model import RobotModel
-from models.spline import min_jerk
+from models.spline import fade_out, min_jerk
 from models.trajectory import TrajectorySampler, validate_trajectory
 from models.types import JointTrajectory, Vector
 
@@ -25,7 +25,8 @@ class UpperBodyMotion:
     .. math::
         q = q_{ref} + w (q_m - q_{ref}), \quad w = s(\min(t, T - t) / T_f), \quad s(u) = u^3 (6 u^2 - 15 u + 10)
 
-    with its first two derivatives, so that velocity and acceleration have no step where the walk swings its arms.
+    with its first two derivatives, so that velocity and acceleration have no step where the walk swings its arms. What
+    a motion that is replaced adds to the posture fades out within the time of the blend.
 
     ``free`` are the joints of arms and head (nj,).
     """
@@ -44,11 +45,13 @@ class UpperBodyMotion:
         """Forget the motion at once."""
         self._motion: TrajectorySampler | None = None
         self._t = self._end = self._fade = 0.0
+        self._added = np.zeros((3, self._model.nj))  # to posture, velocity and acceleration
+        self._former = self._added  # the same as the motion began
 
     def follow(self, trajectory: JointTrajectory, posture: Vector) -> None:
         """Start a motion that was planned from a posture (nj,) [rad]; errors as of ``validate_trajectory``."""
         validate_trajectory(trajectory, self._model, start_q=posture)
-        self._motion = TrajectorySampler(trajectory, self._model, posture)
+        self._motion, self._former = TrajectorySampler(trajectory, self._model, posture), self._added
         self._t, self._end = 0.0, self._motion.duration
         self._fade = min(self._fade_time, 0.5 * self._end)
 
@@ -74,8 +77,8 @@ class UpperBodyMotion:
         dq = np.where(self.free, q - posture, 0.0)
         dv = np.where(self.free, v - velocity, 0.0)
         da = np.where(self.free, a - acceleration, 0.0)
-        return (
-            posture + weight * dq,
-            velocity + weight * dv + rate * dq,
-            acceleration + weight * da + 2.0 * rate * dv + bend * dq,
-        )
+        added = np.array([weight * dq, weight * dv + rate * dq, weight * da + 2.0 * rate * dv + bend * dq])
+        if self._t < self._fade:
+            added += fade_out(self._former, self._t, self._fade)
+        self._added = added
+        return posture + added[0], velocity + added[1], acceleration + added[2]

@@ -148,8 +148,7 @@ class Supervisor:
         return found.pop() if len(found) == 1 and not others and _SENTENCE.fullmatch(text) else text
 
     def barred(self, source: str, *, fresh: bool) -> bool:
-        """Whether the velocity of a source goes on from before a stop; ``fresh``: it is zero, or the first of its source
-        after a pause."""
+        """Whether the velocity of a source goes on from before a stop; not a ``fresh`` one: zero, or after a pause."""
         if fresh:
             self._lifted.add(source)
         return self._barred and source not in self._lifted

@@ -1,9 +1,8 @@
 """Motions that replace a running one: posture and velocity go on without a step."""
 
-from msgspec.structs import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from controllers.balance.motion_player import MotionPlayer
 from controllers.whole_body.config import load_balance_config
@@ -89,3 +88,26 @@ def test_what_fades_out_stays_within_the_limits(g1: RobotModel) -> None:
     played.last[0][played.joint] = limit - 0.01
     played.follow((OTHER,), [0.5], played.last[0][g1.joint_index(OTHER)].reshape(1, 1))
     assert played.to_the_end()[:, 0, played.joint].max() <= limit + 1e-12
+
+
+@pytest.mark.parametrize("walks", [False, True])
+def test_arms_that_return_from_a_motion_of_a_walk_go_on_from_where_they_are(
+    g1: RobotModel, walks: bool
+) -> None:
+    played, away = Played(g1), np.clip(g1.posture("stand") + 1.0, g1.q_lower, g1.q_upper)
+    played.player.reset(played.begin)
+    played.last = played.player.step(DT)
+    motion = JointTrajectory(g1.joint_names, np.array([1.5, 3.0]), np.array([away, played.begin]))
+    played.player.follow(motion, played.reference, walking=True, stepping=False)
+    for _ in range(1500):
+        played.last = played.player.step(DT)
+    played.player.end_walk()
+    for _ in range(200):
+        played.last = played.player.step(DT)
+    if walks:
+        played.player.stand_up()
+    else:
+        played.follow(g1.joint_names, [1.0], played.begin[None])
+    q, v, _ = played.to_the_end().transpose(1, 0, 2)
+    assert np.abs(np.diff(q, axis=0)).max() < 6.0 * DT
+    assert np.abs(np.diff(v, axis=0)).max() < 80.0 * DT

@@ -41,11 +41,14 @@ def motion(model: RobotModel) -> JointTrajectory:
     return JointTrajectory(model.joint_names, np.array([0.0, 1.0, 2.0]), np.array([stand, away, stand]))
 
 
-def played(model: RobotModel, stop_at: float = np.inf) -> np.ndarray:
+def played(model: RobotModel, stop_at: float = np.inf, replaced_at: float = np.inf) -> np.ndarray:
     """Posture, velocity and acceleration of each tick (n, 3, nj), arms swung by 0.05 rad meanwhile."""
     upper, swung, rows = UpperBodyMotion(model, FADE), posture_of(model, 0.05), []
     upper.follow(motion(model), model.posture("stand"))
     while upper.active:
+        if len(rows) * DT >= replaced_at:
+            upper.follow(JointTrajectory(model.joint_names, np.array([1.0]), rows[-1][0][None]), rows[-1][0])
+            replaced_at = np.inf
         if len(rows) * DT >= stop_at:
             upper.stop()
             stop_at = np.inf
@@ -62,9 +65,13 @@ def test_arms_follow_the_motion_and_legs_do_not(g1: RobotModel) -> None:
     assert rows[999, 0, free] == pytest.approx(expected[free], abs=1e-3)
 
 
-@pytest.mark.parametrize("stop_at", [np.inf, 1.2, 0.1])
-def test_nothing_jumps_and_the_rates_are_those_of_the_posture(g1: RobotModel, stop_at: float) -> None:
-    rows = played(g1, stop_at)
+@pytest.mark.parametrize(
+    ("stop_at", "replaced_at"), [(np.inf, np.inf), (1.2, np.inf), (0.1, np.inf), (np.inf, 0.8), (0.5, 0.6), (1.7, 1.3)]
+)
+def test_nothing_jumps_and_the_rates_are_those_of_the_posture(
+    g1: RobotModel, stop_at: float, replaced_at: float
+) -> None:
+    rows = played(g1, stop_at, replaced_at)
     ends = posture_of(g1, 0.05)[0]
     q = np.vstack([ends, rows[:, 0], ends])
     assert np.abs(np.diff(q, axis=0)).max() < 2.0 * DT  # slower than 2 rad/s throughout
@@ -72,11 +79,11 @@ def test_nothing_jumps_and_the_rates_are_those_of_the_posture(g1: RobotModel, st
         rate = np.gradient(rows[:, order - 1], DT, axis=0)
         inner = np.ones(len(rows), dtype=bool)
         inner[[0, 1, -2, -1]] = False
-        if np.isfinite(stop_at):
-            inner[abs(np.arange(len(rows)) - round(stop_at / DT)) < 4] = False  # where it has to end
+        for change in filter(np.isfinite, (stop_at, replaced_at)):
+            inner[abs(np.arange(len(rows)) - round(change / DT)) < 4] = False  # where it has to end, or is replaced
         turn = np.abs(rate - rows[:, order])[inner].max()
         assert turn < (0.01 if order == 1 else 0.2)
-    if np.isfinite(stop_at):
+    if np.isfinite(stop_at) and not np.isfinite(replaced_at):
         assert len(rows) * DT < max(stop_at, FADE) + FADE + 0.01
 
 
