@@ -45,7 +45,7 @@ _TO_REST = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 0.5], [-10, -6, -1.5], [15, 8,
 
 
 def fade_out(start: Matrix, t: float, time: float) -> Matrix:
-    """Position, velocity and acceleration (3, n) at t [s] of quintics from ``start`` to rest at zero in ``time`` [s]."""
+    """Position, velocity, acceleration (3, n) at t [s] of quintics from ``start`` to rest at zero in ``time`` [s]."""
     u, scale = t / time, np.array([1.0, time, time * time])
     powers = np.array(
         [
