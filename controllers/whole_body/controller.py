@@ -4,7 +4,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
+from controllers.joints.joint_servo import damping_command
 from controllers.qp.active_set import QP
 from controllers.qp.contacts import ContactGains
 from controllers.qp.solve import QPSolver, Solution
@@ -129,6 +131,7 @@ class WholeBodyController:
         self.hold_ticks = solver.hold_ticks
         self._failures = 0
         self._last: JointCommand | None = None
+        self._damping = damping_command(model)
         self._joints = model.posture("stand")
 
     def reset(self, joints: Vector) -> None:
@@ -203,9 +206,8 @@ class WholeBodyController:
         self._failures += 1
         if self._last is not None and self._failures <= self.hold_ticks:
             return self._last, SolveStatus.HELD
-        zero: Vector = np.zeros(self.model.nj)
-        self.torque = zero
-        return JointCommand(self._joints.copy(), zero, zero), SolveStatus.DAMPED
+        self.torque = np.zeros(self.model.nj)
+        return replace(self._damping, q=self._joints.copy()), SolveStatus.DAMPED
 
 
 def _uniform_gains(gains: Gains, rows: int) -> tuple[Vector, Vector, Vector]:

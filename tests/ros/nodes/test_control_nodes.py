@@ -140,6 +140,23 @@ def test_a_status_that_flaps_does_not_flood_the_diagnostics(
     assert collected == [True]
 
 
+def test_without_a_usable_state_the_drivers_are_left_to_damp(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, sent = Controlled(bench, g1), []
+    monkeypatch.setattr(robot.node, "_command", SimpleNamespace(publish=sent.append))
+    robot.tick()
+    robot.state = replace(robot.state, v=np.full(g1.nv, np.nan))
+    while robot.node._result is None or robot.node._result.status is not SolveStatus.DAMPED:
+        sent.clear()
+        robot.tick()
+    robot.tick()
+    assert sent == []
+    robot.state = standing(g1)
+    robot.tick()
+    assert len(sent) == 1
+
+
 def test_a_trajectory_that_takes_too_long_to_read_is_refused_unread(
     bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -91,9 +91,7 @@ def test_what_fades_out_stays_within_the_limits(g1: RobotModel) -> None:
 
 
 @pytest.mark.parametrize("walks", [False, True])
-def test_arms_that_return_from_a_motion_of_a_walk_go_on_from_where_they_are(
-    g1: RobotModel, walks: bool
-) -> None:
+def test_arms_that_return_from_a_motion_of_a_walk_go_on_from_where_they_are(g1: RobotModel, walks: bool) -> None:
     played, away = Played(g1), np.clip(g1.posture("stand") + 1.0, g1.q_lower, g1.q_upper)
     played.player.reset(played.begin)
     played.last = played.player.step(DT)
