@@ -1,5 +1,6 @@
 """Node ``action_server``: long motions as ROS 2 actions, made of the topics and services of the graph."""
 
+import re
 import time
 from collections.abc import Callable
 from functools import partial
@@ -38,9 +39,11 @@ async def track_motion(handle: Any, robot: RobotClient, turn: Turn, feedback: Ca
     timeout = robot.config.start_timeout
     deadline = time.monotonic() + timeout
     while True:
-        running = robot.motion_begun
+        running = robot.motions_begun
+        if running > 1:
+            return Outcome(False, "replaced by a motion of another client")
         newest = robot.motion[-1] if robot.motion else None
-        if newest is not None and newest.state is MotionState.REFUSED:
+        if newest is not None and newest.state is MotionState.REFUSED and not running:
             return Outcome(False, ": ".join(part for part in (newest.request, newest.reason) if part))
         if newest is not None and newest.state is MotionState.DONE and running:
             return Outcome(False, "stopped by another client") if robot.stops else Outcome(True, "played to its end")
@@ -75,11 +78,10 @@ class ExecuteMotion(Action):
     """Plays a motion by name."""
 
     def refusal(self, request: Any) -> Outcome | None:
-        """Refuse the words of the gait and ``stop``, which are not motions."""
-        word = request.motion.strip().lower()
-        if word in (*GAIT_WORDS, STOP):
-            return Outcome(False, f"'{word}' is not a motion; walk with walk_to, or a velocity")
-        return None
+        """Refuse what has words of the gait or ``stop``, which the supervisor would obey, in it."""
+        words = re.findall(r"\w+", request.motion.lower())
+        word = next((word for word in words if word in (*GAIT_WORDS, STOP)), None)
+        return word and Outcome(False, f"'{word}' is not a motion; walk with walk_to, or a velocity")
 
     async def run(self, handle: Any, turn: Turn) -> Outcome:
         """Execute the goal; see ``ExecuteMotion.action``."""
@@ -129,7 +131,7 @@ class FollowJointTrajectory(Action):
         self._publish(asked.trajectory)
         outcome = await track_motion(handle, robot, turn, lambda state: self._feedback(handle, names))
         if not outcome.success:
-            code = codes.PATH_TOLERANCE_VIOLATED if robot.motion_begun else codes.INVALID_GOAL
+            code = codes.PATH_TOLERANCE_VIOLATED if robot.motions_begun else codes.INVALID_GOAL
             return Outcome(False, outcome.message, outcome.cancelled, code)
         worst = self._outside(asked, names)
         return Outcome(False, worst, code=codes.GOAL_TOLERANCE_VIOLATED) if worst else outcome

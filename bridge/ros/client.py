@@ -184,7 +184,7 @@ class Client:
         self.wait(lambda: bool(self.motions) or answered(), timeout)
         status = self.status
         if answered() and status is not None and before is not None and status.refused > before.refused:
-            return CommandReply(False, status.refusal)
+            return CommandReply(False, status.answer)
         if status is not None and status.motion:
             self.wait(lambda: bool(self.motions), PLANNING)
         if self.motions:

@@ -90,9 +90,9 @@ class RobotClient:
         node.own(node.destroy_timer, node.every(config.period, self._look))
 
     @property
-    def motion_begun(self) -> bool:
-        """Whether a motion has been running since ``begin``."""
-        return any(status.state is MotionState.RUNNING for status in self.motion)
+    def motions_begun(self) -> int:
+        """How many motions have begun since ``begin``."""
+        return sum(status.state is MotionState.RUNNING for status in self.motion)
 
     @property
     def feedback_due(self) -> bool:

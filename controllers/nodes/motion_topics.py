@@ -50,7 +50,8 @@ class MotionTopics:
             self._publish(MotionState.DONE)
 
     def _publish(self, state: MotionState, request: str = "", reason: str = "") -> None:
-        self._running = state is MotionState.RUNNING
+        if state is not MotionState.REFUSED:  # what runs goes on
+            self._running = state is MotionState.RUNNING
         status = MotionStatus(state, request, reason)
         self._publish_status(status)
         self._state.publish(String(data=str(status)))
@@ -74,8 +75,7 @@ class MotionTopics:
                 raise PoiseError(f"no trajectory in mode '{mode.value}': poise mode stand comes first")
             self._stack.follow(trajectory_from_message(message), zlib.crc32(data))
         except PoiseError as error:
-            if not self._running:
-                self._publish(MotionState.REFUSED, request, str(error))
+            self._publish(MotionState.REFUSED, request, str(error))
             raise
         self._publish(MotionState.RUNNING)
 

@@ -1,21 +1,24 @@
 """Limits of the actions are parameters of their node, and a failure names the limit."""
 
 import asyncio
+from collections import deque
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from rclpy.action.client import ActionClient
 from std_msgs.msg import String
 
-from bridge.nodes.action_server import ActionServerNode, WalkTo
-from bridge.ros.goals import ActionsConfig
+from bridge.nodes.action_server import ActionServerNode, WalkTo, track_motion
+from bridge.nodes.action_server import ExecuteMotion as MotionAction
+from bridge.ros.goals import Action, ActionsConfig, Outcome, RobotClient, Turn
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.interfaces import interface
 from models.nodes.qos import LATCHED
+from models.status import MotionState, MotionStatus
 from models.types import CommandReply
 
 try:
@@ -61,3 +64,36 @@ def test_a_walk_that_does_not_stop_fails_with_the_time_waited() -> None:
     outcome = asyncio.run(WalkTo(robot, None, list).run(handle, turn))
     assert not outcome.success and outcome.message.startswith("replaced; no standstill")
     assert outcome.message.endswith(f"within {config.stand_timeout:g} s")
+
+
+@pytest.mark.parametrize(
+    ("states", "ended"),
+    [
+        ("running done", Outcome(True, "played to its end")),
+        ("refused", Outcome(False, "too far")),
+        ("running refused done", Outcome(True, "played to its end")),  # another client's
+        ("running running done", Outcome(False, "replaced by a motion of another client")),
+    ],
+)
+def test_a_motion_of_another_client_is_not_taken_for_that_of_the_goal(states: str, ended: Outcome) -> None:
+    robot: Any = object.__new__(RobotClient)
+    robot.config, robot.stops, robot.mode, robot._looks = (
+        default_config(ActionsConfig, "bridge", "actions"),
+        0,
+        "motion",
+        1,
+    )
+    robot.motion, coming = deque(), [MotionStatus(MotionState(each), reason="too far") for each in states.split()]
+
+    async def turn() -> None:
+        robot.motion.append(coming.pop(0))
+
+    robot.turn = turn
+    handle: Any = SimpleNamespace(is_cancel_requested=False)
+    assert asyncio.run(track_motion(handle, robot, cast(Turn, SimpleNamespace(ended="")), lambda _: None)) == ended
+
+
+@pytest.mark.parametrize("text", ["stop", "walk forward", "Please stop.", "forward.", "go forward, please"])
+def test_words_that_the_robot_would_walk_or_stop_on_are_no_motions(text: str) -> None:
+    goal = cast(Action, object.__new__(MotionAction)).refusal(SimpleNamespace(motion=text))
+    assert goal is not None and "is not a motion" in goal.message

@@ -85,8 +85,9 @@ class FakeSupervisor(Node):
 
     def report(self) -> None:
         self.odometry.publish(Odometry(header=Header(stamp=self.get_clock().now().to_msg())))
-        record = SupervisorStatus("g1", Mode.STAND, self.refused, "unknown command 'fly'", (), holds=("held",))
-        self.status.publish(replace(record, answered=self.answered, answer=f"done: {self.texts[-1:]}"))
+        record = SupervisorStatus("g1", Mode.STAND, self.refused, "a velocity of another program", (), holds=("held",))
+        answer = "unknown command 'fly'" if self.texts[-1:] == ["fly"] else f"done: {self.texts[-1:]}"
+        self.status.publish(replace(record, answered=self.answered, answer=answer))
 
 
 @pytest.fixture
