@@ -419,11 +419,17 @@ class GaitPlanner:
         self._enter(GaitPhase.START)
 
     def _recover(self) -> None:
-        """Step at once with the foot that comes nearer to the DCM after ``push_horizon``, else the farther one."""
+        """Step at once with the foot that comes nearer to the DCM after ``push_horizon``, else the farther one.
+
+        A route that begins with the other foot is planned anew.
+        """
         gait = self.state
         gait.stance = self._soles.nearest(gait.soles.holds, gait.measured.dcm(gait.omega))
         self._choose_stance()
-        gait.command = gait.command.counted(2)
+        route, foot = gait.command.route, 1 - gait.stance
+        if route.steps and route.foot != foot:
+            route = route.planned_anew(foot, gait.soles.holds, self.config)
+        gait.command = structs.replace(gait.command, route=route, steps_left=2)
         gait.recovering = True
         self._lift()
 

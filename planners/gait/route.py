@@ -251,8 +251,9 @@ class Route(Struct, frozen=True):
     """Remaining footsteps of a walk to a goal, or of listed footsteps.
 
     They are fixed in W: the next steps correct what one step misses, after a push or a slip, as far as the reach
-    allows. A route to a goal is planned anew when a foot lands farther than ``offset_max`` from its place, and given up
-    when it has taken ``steps_more`` footsteps more than twice those of the first plan.
+    allows. A route to a goal is planned anew when a foot lands farther than ``offset_max`` from its place, or the other
+    foot has to step to keep the balance, which ends listed footsteps; it is given up when it has taken ``steps_more``
+    footsteps more than twice those of the first plan.
     """
 
     steps: tuple[Footstep, ...] = ()  # empty without a route
@@ -297,19 +298,29 @@ class Route(Struct, frozen=True):
 
     def landed(self, soles: Sequence[Foothold], config: GaitConfig) -> Route:
         """After the next step, with the soles there now."""
-        step, steps, outcome, patience = self.steps[0], self.steps[1:], self.outcome, self.patience - 1
+        step, steps = self.steps[0], self.steps[1:]
+        outcome = self.outcome if steps or self.outcome else "done"
+        after = structs.replace(self, steps=steps, outcome=outcome, patience=self.patience - 1)
         hold = soles[step.foot]
         missed = math.hypot(hold.x - step.hold.x, hold.y - step.hold.y)
-        if missed > config.route.offset_max and self.goal is not None:
-            if patience > 0:
-                try:
-                    steps = tuple(plan_to_pose(self.goal, soles, config, 1 - step.foot))
-                except PoiseError as error:
-                    steps, outcome = (), str(error)
-            else:
-                steps, outcome = (), f"the feet do not land where they are put: the last one {missed:.3f} m off"
-        outcome = outcome if steps or outcome else "done"
-        return structs.replace(self, steps=steps, outcome=outcome, patience=patience)
+        if missed <= config.route.offset_max or self.goal is None:
+            return after
+        if after.patience > 0:
+            return after.planned_anew(1 - step.foot, soles, config)
+        reason = f"the feet do not land where they are put: the last one {missed:.3f} m off"
+        return structs.replace(after, steps=(), outcome=reason)
+
+    def planned_anew(self, foot: int, soles: Sequence[Foothold], config: GaitConfig) -> Route:
+        """To the goal from these soles, with the given foot first; ended where there is no way or no goal."""
+        steps: tuple[Footstep, ...] = ()
+        outcome = f"the {FOOT_NAMES[foot]} foot had to step first to keep the balance"
+        if self.goal is not None:
+            try:
+                steps = tuple(plan_to_pose(self.goal, soles, config, foot))
+                outcome = "" if steps else "done"
+            except PoiseError as error:
+                outcome = str(error)
+        return structs.replace(self, steps=steps, outcome=outcome)
 
 
 def route_of(steps: Sequence[Footstep], goal: Foothold | None = None, steps_more: int = 0) -> Route:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -14,6 +15,8 @@ from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, RIGHT, Foothold, limits_of, middle, wrap
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep, check_footsteps, plan_to_pose, route_of, soles_at
+from planners.gait.state import GaitPhase
+from tests.gaits import DT
 from tests.support import standing
 
 GAIT = default_config(GaitConfig, "planners", "gait")
@@ -166,3 +169,26 @@ def test_a_refused_list_leaves_the_route_as_it_was(g1: RobotModel) -> None:
     assert planner.route.left == left > 0
     planner.stop()
     assert (planner.route.left, planner.route.outcome) == (0, "stopped")
+
+
+@pytest.mark.parametrize("phase", [GaitPhase.STAND, GaitPhase.START])
+@pytest.mark.parametrize("push", [1.0, -1.0])
+@pytest.mark.parametrize("listed", [False, True])
+def test_after_a_push_a_route_begins_with_the_foot_that_steps(
+    g1: RobotModel, phase: GaitPhase, push: float, listed: bool
+) -> None:
+    planner, moving = GaitPlanner(g1), np.zeros(g1.nv)
+    planner.reset(standing(g1))
+    steps = plan_to_pose(Foothold(1.0, 0.0, 0.0), planner.footholds, planner.config, LEFT)
+    planner.take_steps(steps) if listed else planner.walk_to(Foothold(1.0, 0.0, 0.0))
+    while planner.phase is not phase:
+        planner.step(standing(g1), DT)
+    assert planner.route.foot == LEFT
+    moving[1] = push  # [m/s]
+    planner.step(standing(g1, v=moving), DT)
+    swings = 1 - planner.stance
+    assert planner.phase is GaitPhase.SINGLE and swings == (LEFT if push > 0.0 else RIGHT)
+    if listed and swings == RIGHT:
+        assert planner.route.outcome == "the right foot had to step first to keep the balance"
+    else:
+        assert planner.route.foot == swings
