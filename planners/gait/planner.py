@@ -401,6 +401,7 @@ class GaitPlanner:
             dcm=DcmState.at_rest(measured.com[:2], before.dcm.old),
             body=BodyState(float(measured.com[2]) - soles.ground()),
             airborne=self._airborne.on_floor,
+            toe_off=FLAT,
             command=CommandState(route=before.command.route.ended("the walk began anew")),
             phase=GaitPhase.STAND,
             elapsed=0.0,

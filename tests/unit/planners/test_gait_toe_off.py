@@ -75,6 +75,13 @@ def test_it_bears_on_its_edge_alone(planner: GaitPlanner, footing: Footing) -> N
     np.testing.assert_array_equal(found.areas[1], state.footing.areas[1])
 
 
+def test_a_robot_that_starts_over_stands_on_its_whole_soles(planner: GaitPlanner, footing: Footing) -> None:
+    planner.state.phase, planner.state.toe_off = GaitPhase.DOUBLE, turned(footing, 0.03)
+    planner.reset(standing(planner.model))
+    areas = planner.step(standing(planner.model), 0.001).sole_areas
+    np.testing.assert_array_equal(areas, [foot.rectangle for foot in planner.model.feet])
+
+
 def test_the_swing_begins_where_and_as_the_sole_turns(planner: GaitPlanner, footing: Footing) -> None:
     toe_off, hold = turned(footing, DOUBLE), planner.footholds[0]
     expected, law = reference(planner, toe_off), SwingFoot(planner.config.swing)
