@@ -9,6 +9,7 @@ from typing import Any
 
 from std_msgs.msg import UInt8MultiArray
 
+from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import describe
@@ -184,8 +185,17 @@ class GroundWalk:
         """To the next pose by the gait's own route."""
         target = self._target
         assert target is not None
-        self._stack.walk_to(target)
-        self._stage, self._steps = _Stage.BLIND, self._law.steps
+        self._steps = self._law.steps
+        self._walk_to(target, _Stage.BLIND)
+
+    def _walk_to(self, pose: Foothold, stage: _Stage) -> None:
+        """Enter a stage with a route of the gait to a pose; the walk to the goal ends where that is refused."""
+        try:
+            self._stack.walk_to(pose)
+        except PoiseError as error:
+            self._finish(str(error))
+        else:
+            self._stage = stage
 
     def _begin(self) -> None:
         """It stands: turn to the goal, or follow plans along a line from here."""
@@ -196,7 +206,7 @@ class GroundWalk:
             return
         line, way = self._way_to(self._goal)
         if abs(wrap(line.yaw - here.yaw)) > _TURNED:
-            self._stack.walk_to(line)
+            self._walk_to(line, _Stage.STOP)
             return
         if self._around():
             self._stage, self._asked = _Stage.LOOK, self._t
@@ -248,8 +258,7 @@ class GroundWalk:
             if self._stage is _Stage.BLOCKED:
                 self._report(route.outcome)
         elif route.outcome == "done" and abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > _FACING:
-            self._stack.walk_to(goal)
-            self._stage = _Stage.LAST
+            self._walk_to(goal, _Stage.LAST)
         else:
             self._finish(route.outcome)
 

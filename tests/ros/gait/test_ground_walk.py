@@ -27,6 +27,7 @@ from planners.nodes.ground_planner import GroundPlannerNode
 from planners.terrain.footholds import GroundQuery
 from planners.terrain.ground_route import Answer, Request
 from tests.ros.gait.standing_gait import MS, StandingGait
+from tests.support import standing
 
 pytestmark = pytest.mark.ros
 
@@ -128,6 +129,22 @@ def test_on_level_ground_and_where_no_map_is_known_it_walks_as_without_one(
     else:
         robot.send(Answer(request.number, **answer))
     assert robot.left > 5
+
+
+@pytest.mark.parametrize("answered", [True, False])
+def test_a_goal_that_has_come_out_of_reach_ends_with_the_reason(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch, answered: bool
+) -> None:
+    robot, drifted = Guided(bench, g1), g1.standing_configuration()
+    robot.go(-19.8)
+    request = robot.ask()
+    drifted[0] += 0.3  # [m]
+    monkeypatch.setattr(Guided, "state", property(lambda robot: standing(g1, 1e-9 * robot.stamp, q=drifted)))
+    robot.stack.gait.reset(robot.state)
+    if answered:
+        robot.send(Answer(request.number, level=True))
+    robot.until(lambda: robot.routes[-1].state is RouteState.ENDED)
+    assert robot.routes[-1].reason == "the goal is 20.1 m away, at most 20 m"
 
 
 def test_to_a_goal_beyond_stairs_it_follows_plans_and_says_what_ends_them(bench: Any, g1: RobotModel) -> None:
