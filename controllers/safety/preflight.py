@@ -55,7 +55,7 @@ def _mass(model: RobotModel, config: SupervisorConfig, description: str | None) 
     except RobotModelError as error:
         return [str(error)]
     expected = model.mass - model.profile.payload.mass
-    if abs(mass - expected) > config.mass_tolerance * expected:
+    if not abs(mass - expected) <= config.mass_tolerance * expected:  # neither is that of a NaN
         return [f"robot_description weighs {mass:.2f} kg, the model '{model.name}' {expected:.2f} kg"]
     return []
 
@@ -64,7 +64,7 @@ def _joints(model: RobotModel, config: SupervisorConfig, joints: Vector | None) 
     if joints is None:
         return ["no joint states have arrived"]
     margin = config.limit_margin
-    outside = np.flatnonzero((joints < model.q_lower - margin) | (joints > model.q_upper + margin))
+    outside = np.flatnonzero(~((joints >= model.q_lower - margin) & (joints <= model.q_upper + margin)))
     return [
         f"joint '{model.joint_names[i]}' measures {joints[i]:.3f} rad, outside "
         f"[{model.q_lower[i]:.3f}, {model.q_upper[i]:.3f}]"
@@ -91,6 +91,6 @@ def _rates(config: SupervisorConfig, rates: Mapping[str, float], nominal: Mappin
     found = []
     for topic, expected in nominal.items():
         rate = rates.get(topic, 0.0)
-        if abs(rate - expected) > config.rate_tolerance * expected:
+        if not abs(rate - expected) <= config.rate_tolerance * expected:
             found.append(f"{topic} arrives at {rate:.0f} Hz instead of {expected:.0f} Hz")
     return found

@@ -41,15 +41,20 @@ def test_each_finding_names_its_culprit(g1: RobotModel) -> None:
     good = Evidence(
         g1.urdf.read_text(encoding="utf-8"), g1.posture("stand"), {}, np.array([0.0, 0.0, 0.0, 1.0]), dict(RATES)
     )
-    outside = g1.posture("stand").copy()
+    outside, unknown = g1.posture("stand").copy(), g1.posture("stand").copy()
     knee = g1.joint_index("left_knee_joint")
-    outside[knee] = g1.q_upper[knee] + 0.2
-    heavier = good.description.replace('<mass value="', '<mass value="1') if good.description else ""
+    outside[knee], unknown[knee] = g1.q_upper[knee] + 0.2, np.nan
+    heavier, unweighed = (
+        (good.description or "").replace('<mass value="', f'<mass value="{start}') for start in ("1", 'nan" was="')
+    )
     cases = {
         "left_knee_joint": replace(good, joints=outside),
+        "left_knee_joint' measures nan": replace(good, joints=unknown),
         "kg": replace(good, description=heavier),
+        "nan kg": replace(good, description=unweighed),
         "base tilted by": replace(good, base_quaternion=np.array([1.0, 0.0, 0.0, 0.0])),  # wxyz read as xyzw
         "500 Hz instead of 1000 Hz": replace(good, rates={"joint_states": 500.0}),
+        "nan Hz instead of 1000 Hz": replace(good, rates={"joint_states": np.nan}),
         "'odom' has incompatible QoS: publisher: DEADLINE": replace(good, incompatible={"odom": "publisher: DEADLINE"}),
         "joint 'x' is missing": replace(good, refusals={"joint_states": "joint 'x' is missing"}),
     }
