@@ -34,8 +34,8 @@ class GainSchedule:
         self._whole_body, tasks = whole_body, whole_body.tasks
         self.gains: dict[str, ScheduledGains] = {}
         self.share, self.stiffness, self.urgent = 0.0, 1.0, False
-        self._momentum = tasks["angular_momentum"]
-        com, momentum, base = (tasks[name].weight for name in ("com", "angular_momentum", "base_orientation"))
+        self._scheduled = [tasks[name] for name in ("com", "angular_momentum", "base_orientation")]
+        com, momentum, base = (task.weight for task in self._scheduled)
         stepping, calm = com.copy(), com.copy()
         stepping[2], calm[2] = config.com_weight_height, config.com_weight_height_slow
         self.add("com", com, com, stepping, calm)
@@ -79,6 +79,7 @@ class GainSchedule:
             self.stiffness, self.urgent = stiffness, urgent
             for name in ("com", "base_orientation"):
                 self._set(self.gains[name])
+            self._activate()
 
     def update(self) -> None:
         """Set the gains after a change of their standing values."""
@@ -87,7 +88,11 @@ class GainSchedule:
         config = self._config
         solver = self._whole_body.config.solver
         self._whole_body.hold_ticks = config.hold_ticks if self.share > 0.0 else solver.hold_ticks
-        self._momentum.active = bool(self._momentum.weight.any())
+        self._activate()
+
+    def _activate(self) -> None:
+        for task in self._scheduled:
+            task.active = bool(task.weight.any())
 
     def _set(self, gains: ScheduledGains) -> None:
         part = float(self.urgent) if gains.when_urgent else self.stiffness

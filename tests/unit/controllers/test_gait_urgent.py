@@ -8,6 +8,7 @@ from msgspec import structs
 
 from controllers.balance.controller import BalanceController
 from controllers.qp.contacts import ContactGains, hold_contact
+from controllers.whole_body.config import load_whole_body_config
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
@@ -63,6 +64,22 @@ def test_the_base_has_more_weight_while_a_step_is_urgent(g1: RobotModel) -> None
     assert planner.state.step.urgent and weight == pytest.approx(np.full(3, stepping.base_weight_urgent))
     controller.schedule.apply(1.0, 1.0)
     assert weight == pytest.approx(np.full(3, stepping.base_weight))
+
+
+@pytest.mark.parametrize("calm", [0.0, 30.0])
+def test_a_task_is_active_whenever_its_scheduled_weight_is_not_zero(g1: RobotModel, calm: float) -> None:
+    config = load_whole_body_config(g1)
+    base = replace(config.base_orientation, weight=0.0)
+    config = replace(config, base_orientation=base, stepping=replace(config.stepping, base_weight=calm))
+    controller = BalanceController(g1, whole_body=config)
+    task, schedule = controller.whole_body.tasks["base_orientation"], controller.schedule
+    assert not task.active
+    schedule.apply(1.0, 1.0)
+    assert task.active == (calm > 0.0)
+    schedule.apply(1.0, 1.0, urgent=True)
+    assert task.active
+    schedule.apply(0.0, 1.0)
+    assert not task.active
 
 
 def test_in_an_urgent_step_a_foot_that_bears_alone_bears_what_the_fall_leaves_of_the_weight(
