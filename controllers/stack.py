@@ -30,6 +30,7 @@ from models.types import (
     Reference,
     RobotState,
     SensorData,
+    SolveStatus,
     Vector,
     Velocity,
 )
@@ -143,7 +144,7 @@ class ControlStack:
         self.velocity_input: VelocityInput = self  #: Accepts the velocities of text commands
         self._mode = Mode.OFF
         self._held_velocity: Velocity | None = None
-        self._command_t = 0.0
+        self._command_t, self._solved = 0.0, SolveStatus.OPTIMAL  # of the last command in this active mode
         self._motions: MotionPlanner | None = None
         if robot is not None:
             config = config or StackConfig()
@@ -221,7 +222,7 @@ class ControlStack:
 
     def reset_estimator(self, sensors: SensorData, *, after: int | None = None) -> RobotState:
         """Start from a measured sample at rest; ``after`` is the stamp of the tick before, where there is one [ns]."""
-        self._correction, self.scheduled, self._command_t = self.calibration, None, 0.0
+        self._correction, self.scheduled = self.calibration, None
         self.raw, self.sensors = sensors, self._correct(sensors)
         if self.log is not None:
             self.log.begin(self.robot.name, sensors, self._correction, steps=after is None, after=after or 0)
@@ -289,13 +290,15 @@ class ControlStack:
         self._monitor.step(state, result.command)
         if isinstance(self._law, BalanceController):
             self._law.whole_body.set_lookahead(self._monitor.lookahead)
-        self.result, self.scheduled, self._command_t = result, reference.contacts, state.t
+        self.result, self.scheduled = result, reference.contacts
+        self._command_t, self._solved = state.t, result.status
         return result
 
     def supervise(self, t: float, *, drivers_damped: bool = False, hardware: tuple[str, ...] = ()) -> Mode:
         """Update the supervisor at time ``t`` [s], also when no sample arrives; returns the mode from now on.
 
-        ``hardware`` are the holds of a real robot's monitors. A hold ends a walk.
+        The age of the command counts from the last tick, or from the stamp of the state with which the robot became
+        active. ``hardware`` are the holds of a real robot's monitors. A hold ends a walk.
         """
         status = self.status
         health = Health(
@@ -328,7 +331,7 @@ class ControlStack:
     @property
     def status(self) -> ControlStatus:
         """Status of the whole-body law and the joint monitor, for the supervisor in this or another process."""
-        return ControlStatus(self.mode in ACTIVE_MODES, self.result.status, 0, self.joint_fault, self.gait_active)
+        return ControlStatus(self.mode in ACTIVE_MODES, self._solved, 0, self.joint_fault, self.gait_active)
 
     @property
     def reference(self) -> Reference:
@@ -388,6 +391,8 @@ class ControlStack:
     def enter(self, mode: Mode) -> None:
         """Enter a mode."""
         if mode is not self._mode:
+            if self._mode not in ACTIVE_MODES and mode in ACTIVE_MODES:
+                self._command_t, self._solved = self.state.t, SolveStatus.OPTIMAL
             self._mode = mode
             self._record_change("mode", mode)
         if isinstance(self._law, BalanceController):

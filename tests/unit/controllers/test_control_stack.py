@@ -46,6 +46,19 @@ def test_only_an_active_mode_is_answered(stack: ControlStack, g1: RobotModel) ->
     assert stack.step(at_rest(g1, 1.0), 0.001) is None
 
 
+@pytest.mark.parametrize("wait", [0.0, 5.0])
+def test_a_robot_that_has_just_become_active_is_supervised_before_its_first_tick(
+    stack: ControlStack, g1: RobotModel, wait: float
+) -> None:
+    for start in (0.0, 20.0):  # a second run of the same stack, too
+        stack.reset(at_rest(g1, start))
+        if wait:
+            stack.step(at_rest(g1, start + wait), 0.001, standing(g1, start + wait))  # off
+        assert stack.arm().accepted
+        assert stack.supervise(start + wait) is Mode.STAND and not stack.supervisor.faults
+        assert stack.supervise(start + wait + 1.0) is Mode.DAMP
+
+
 def test_a_mode_decides_whether_the_gait_follows_its_commands(stack: ControlStack) -> None:
     stack.arm()
     run(stack, 5)
