@@ -23,7 +23,7 @@ Doubles are written so that they are read back bit for bit. Each entry is a list
 ``head`` pan, tilt                       targets of the head's joints [rad, rad]
 ``gain`` name, value                     a gain of the standing law moves to a value
 ``velocity`` forward, left, turn         of a walk, once [m/s, m/s, rad/s]
-``hold_velocity`` forward, left, turn    the same, repeated at every tick from here on
+``hold_velocity`` forward, left, turn    the same, repeated at every tick from here on until ``stop`` or ``reset``
 ``stop``                                 of a walk
 ``walk_to`` x, y, yaw, z                 goal of a walk [m, m, rad, m]
 ``take_steps`` [[foot, x, y, yaw, z]...], touchdown  footsteps, and after which touchdown of a route, null from standing
@@ -113,6 +113,10 @@ class InputLog:
         if self._last.get(word) != values:
             self._last[word] = values
             self.note(word, *values)
+
+    def forget(self, word: str) -> None:
+        """An input holds no more: it is recorded anew when it comes again."""
+        self._last.pop(word, None)
 
     def clear(self) -> None:
         """Drop the inputs of this tick."""

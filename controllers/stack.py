@@ -237,6 +237,7 @@ class ControlStack:
         if self.head is not None:
             self.head.discard_command()
         self._monitor.reset()
+        self._release_velocity()
         self._record("reset")
 
     def arm(self) -> CommandReply:
@@ -461,12 +462,18 @@ class ControlStack:
         self._record("velocity", forward, left, turn)
 
     def hold_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Repeat a velocity [m/s, m/s, rad/s] at every tick, as a joystick does."""
+        """Repeat a velocity [m/s, m/s, rad/s] at every tick, as a joystick does, until ``stop`` or a reset."""
         self._held_velocity = (forward, left, turn)
         self._record_change("hold_velocity", forward, left, turn)
 
+    def _release_velocity(self) -> None:
+        self._held_velocity = None
+        if self.log is not None:
+            self.log.forget("hold_velocity")
+
     def stop(self) -> None:
         """Come to a standstill within two steps."""
+        self._release_velocity()
         self.gait.stop()
         self._record("stop")
 

@@ -77,6 +77,34 @@ def test_a_mode_decides_whether_the_gait_follows_its_commands(stack: ControlStac
     assert not stack.walking
 
 
+@pytest.mark.parametrize("end", ["stop", "command", "reset"])
+def test_a_velocity_is_repeated_until_the_robot_is_stopped_or_reset(stack: ControlStack, end: str) -> None:
+    log = stack.log
+    assert log is not None
+    stack.arm()
+    run(stack, 1)
+    stack.command("walk")
+    stack.hold_velocity(0.3, 0.0, 0.0)
+    run(stack, 2, 2)
+    assert stack.gait.state.command.moves
+    if end == "reset":
+        stack.reset(at_rest(stack.robot, 0.003))
+        stack.arm()
+        stack.command("walk")
+    elif end == "stop":
+        stack.stop()
+    else:
+        stack.command("stop")
+    run(stack, 2, 4)
+    assert not stack.gait.state.command.moves
+    log.take(1)
+    stack.supervisor.request(Mode.WALK)  # goes on
+    stack.hold_velocity(0.3, 0.0, 0.0)
+    assert ("hold_velocity", 0.3, 0.0, 0.0) in TickInputs.read(log.take(2)).before
+    run(stack, 2, 6)
+    assert stack.gait.state.command.moves
+
+
 def test_a_motion_goes_to_the_law_that_runs(stack: ControlStack) -> None:
     stack.arm()
     run(stack, 5)
