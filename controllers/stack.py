@@ -456,13 +456,29 @@ class ControlStack:
         self.tuning.set(name, value)
         self._record("gain", name, value)
 
+    def _require_free(self) -> None:
+        """``CommandError`` while the supervisor brings the robot to a standstill, or holds it there."""
+        if self._supervisor is not None and self._supervisor.still:
+            why = "; ".join(self._supervisor.holds) or "the robot comes to a standstill"
+            raise CommandError(f"walking refused: {why}; command 'walk' afterwards")
+
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Walk with a velocity [m/s, m/s, rad/s]; see ``GaitPlanner.set_velocity``."""
+        """Walk with a velocity [m/s, m/s, rad/s]; see ``GaitPlanner.set_velocity``.
+
+        Any but zero is a ``CommandError`` while a supervisor has the robot come to a standstill or hold still.
+        """
+        if any((forward, left, turn)):
+            self._require_free()
         self.gait.set_velocity(forward, left, turn)
         self._record("velocity", forward, left, turn)
 
     def hold_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Repeat a velocity [m/s, m/s, rad/s] at every tick, as a joystick does, until ``stop`` or a reset."""
+        """Repeat a velocity [m/s, m/s, rad/s] at every tick, as a joystick does, until ``stop`` or a reset.
+
+        Refused as by ``set_velocity``.
+        """
+        if any((forward, left, turn)):
+            self._require_free()
         self._held_velocity = (forward, left, turn)
         self._record_change("hold_velocity", forward, left, turn)
 
@@ -478,12 +494,14 @@ class ControlStack:
         self._record("stop")
 
     def walk_to(self, goal: Foothold) -> None:
-        """Walk to a pose; see ``GaitPlanner.walk_to``."""
+        """Walk to a pose; see ``GaitPlanner.walk_to``. Refused as by ``set_velocity``."""
+        self._require_free()
         self.gait.walk_to(goal)
         self._record("walk_to", *structs.astuple(goal))
 
     def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
-        """Take footsteps; see ``GaitPlanner.take_steps``."""
+        """Take footsteps; see ``GaitPlanner.take_steps``. Refused as by ``set_velocity``."""
+        self._require_free()
         self.gait.take_steps(steps, after)
         self._record("take_steps", [step.values for step in steps], after)
 

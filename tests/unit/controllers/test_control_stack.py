@@ -1,6 +1,7 @@
 """The control stack: stages in order, the hand-over between the laws, recorded inputs, refusals."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from models.errors import CommandError, PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData
 from planners.gait.footsteps import Foothold
+from planners.gait.route import Footstep
 from tests.support import standing
 
 
@@ -102,6 +104,34 @@ def test_a_velocity_is_repeated_until_the_robot_is_stopped_or_reset(stack: Contr
     stack.hold_velocity(0.3, 0.0, 0.0)
     assert ("hold_velocity", 0.3, 0.0, 0.0) in TickInputs.read(log.take(2)).before
     run(stack, 2, 6)
+    assert stack.gait.state.command.moves
+
+
+@pytest.mark.parametrize("hold", ["", "the battery is empty"])
+def test_no_walk_is_commanded_while_the_supervisor_ends_one(stack: ControlStack, hold: str) -> None:
+    stack.arm()
+    run(stack, 1)
+    stack.command("forward")
+    run(stack, 2, 2)
+    if hold:
+        stack.supervise(0.003, hardware=(hold,))
+    else:
+        stack.command("stop")
+    for command in (
+        partial(stack.set_velocity, 0.1, 0.0, 0.0),
+        partial(stack.hold_velocity, 0.0, 0.0, 0.1),
+        partial(stack.walk_to, Foothold(0.5, 0.0, 0.0)),
+        partial(stack.take_steps, [Footstep(0, Foothold(0.1, 0.1, 0.0))]),
+    ):
+        with pytest.raises(CommandError, match=hold or "comes to a standstill"):
+            command()
+    stack.set_velocity(0.0, 0.0, 0.0)
+    stack.hold_velocity(0.0, 0.0, 0.0)
+    run(stack, 2, 4)
+    assert not stack.gait.state.command.moving
+    stack.supervise(0.005)  # the hold has ended
+    assert stack.command("walk").accepted
+    stack.set_velocity(0.1, 0.0, 0.0)
     assert stack.gait.state.command.moves
 
 
