@@ -60,7 +60,7 @@ class _Stages(NamedTuple):
     filter: Filter
     chains: SoleChains
     observer: Observer
-    expected: Vector  # planned contact of each foot, see ``FootSensorMonitor.update`` (2,)
+    expected: Vector  # planned contact of each foot, see ``judge_sensors`` (2,)
     rate: Vector  # mean of the step (3,) [rad/s]
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.estimation.config import ContactConfig, FootNoise, FootSensorConfig, SlipConfig
-from controllers.estimation.observer import ForceObserver
 from models.numerics.compiled import njit
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
@@ -57,7 +56,7 @@ class SensorMemory(NamedTuple):
     last: Array  # readings (2, 6)
     counts: Array  # (2,)
     used: Array  # (2, 6)
-    doubt: Array  # time for which a sensor stays in doubt (1,) [s]
+    doubt: Array  # time for which a sensor stays in doubt, within the memory of the low-passes (1,) [s]
 
 
 @njit(cache=True)
@@ -65,7 +64,13 @@ def judge_sensors(
     samples: Array, readings: Array, low_passed: Array, estimated: Array, total: float, torques_good: bool,
     expected: Array, dt: float, sensors: SensorMemory,
 ) -> bool:  # fmt: skip
-    """One step of ``FootSensorMonitor``; whether a fault has begun or ended."""
+    """One step of ``FootSensorMonitor``; whether a fault has begun or ended.
+
+    ``samples`` is the state of each foot's sample (2,), ``readings`` the last finite reading. The observer after the
+    step before gives the ``low_passed`` readings, those ``estimated`` from the leg torques (2, 6) [N, N.m], and the
+    ``total`` load by the motion [N]; ``torques_good`` is whether the joint torques of this sample are usable.
+    ``expected`` is 1 for a stance foot of the gait schedule, 0 for a swing foot, or ``UNKNOWN`` (2,).
+    """
     limits, fault, timers, last, counts, used, doubt = sensors
     wrong_torques = abs(total - estimated[0, 2] - estimated[1, 2])
     wrong_sensors = abs(total - low_passed[0, 2] - low_passed[1, 2])
@@ -145,11 +150,6 @@ class FootSensorMonitor:
         self.memory = SensorMemory(self._limits, *arrays)
 
     @property
-    def doubtful(self) -> bool:
-        """Whether a sensor is in doubt, or was within the memory of the low-passes."""
-        return bool(self._doubt[0] > 0.0)
-
-    @property
     def states(self) -> tuple[FootSensorState, FootSensorState]:
         """Of the left and the right foot."""
         return _STATES[int(self.fault[0])], _STATES[int(self.fault[1])]
@@ -160,20 +160,6 @@ class FootSensorMonitor:
         self.fault[:] = samples == NOT_FINITE
         self._last[:] = readings
         self.used[:] = np.where(self.fault[:, None] > 0.0, estimated, readings)
-
-    def update(
-        self, samples: Array, readings: Matrix, observer: ForceObserver, torques_good: bool, expected: Array, dt: float
-    ) -> None:
-        """Judge one sample, with the observer after the step before: torques, motion, and the low-passed readings.
-
-        ``samples`` is the state of each foot's sample (2,), ``readings`` the last finite reading (2, 6) [N, N.m];
-        ``torques_good`` is whether the joint torques of this sample are usable. ``expected`` is 1 for a stance foot of
-        the gait schedule, 0 for a swing foot, or ``UNKNOWN`` (2,).
-        """
-        judge_sensors(
-            samples, readings, observer.measured, observer.estimated, observer.base[2], torques_good, expected, dt,
-            self.memory,
-        )  # fmt: skip
 
 
 class ContactLimits(NamedTuple):
@@ -312,7 +298,7 @@ class ContactDetector:
         """Advance by ``dt`` [s] with the ground reaction on each foot, in its sole frame (2, 6) [N, N.m].
 
         ``samples`` is the state of each foot's sample, as in ``SensorBuffer`` (2,); ``fault`` is not 0 where the wrench
-        comes from the leg torques (2,); ``expected`` is as in ``FootSensorMonitor.update``.
+        comes from the leg torques (2,); ``expected`` is as in ``judge_sensors``.
         """
         assess_contacts(wrenches, samples, fault, expected, dt, self.memory)
 
@@ -331,7 +317,10 @@ class SlipMemory(NamedTuple):
 
 @njit(cache=True)
 def watch_slips(innovation: Array, stands: Array, dt: float, densities: Array, limits: SlipMemory) -> bool:
-    """One step of ``SlipMonitor``; whether a slip began."""
+    """One step of ``SlipMonitor``; whether a slip began.
+
+    ``innovation`` and confidence ``stands`` are of each foot (2,); raises the ``densities`` of slips (2, 2).
+    """
     changed, timers, slipping, counts = False, limits.timers, limits.slipping, limits.counts
     for foot in range(2):
         if stands[foot] <= 0.0:  # in the air
@@ -371,7 +360,3 @@ class SlipMonitor:
     def reset(self) -> None:
         """No foot has slipped."""
         self.memory.timers[:], self.slipping[:], self.counts[:] = 0.0, 0.0, 0.0
-
-    def update(self, innovation: Vector, stands: Vector, dt: float, densities: Matrix) -> None:
-        """Advance by ``dt`` [s] with innovation and confidence of each foot (2,); raises the ``densities`` of slips."""
-        watch_slips(innovation, stands, dt, densities, self.memory)

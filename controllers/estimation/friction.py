@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from controllers.estimation.config import FrictionConfig
 from models.numerics.compiled import njit
 from models.robot_model import RobotModel
-from models.types import Matrix, Vector
 
 Array = NDArray[np.float64]
 
@@ -66,7 +65,12 @@ def watch_friction(
     dt: float,
     memory: FrictionMemory,
 ) -> None:
-    """One step of ``FrictionEstimator``."""
+    """One step of ``FrictionEstimator``.
+
+    ``wrenches`` are the ground reactions in the sole frames (2, 6) [N, N.m], ``confidence`` that each sole lies flat
+    (2,) [-], ``slipping`` is 1 where a foot slips (2,), ``soles`` are the estimated places, x and y first, in W
+    (2, 3) [m], ``rotations`` theirs to W (2, 3, 3).
+    """
     limits, rectangles, demands, places, velocities, coefficient = memory
     share = min(dt / limits.filter_time, 1.0)
     for foot in range(2):
@@ -145,14 +149,3 @@ class FrictionEstimator:
         memory = self.memory
         memory.demands[:], memory.places[:], memory.velocities[:] = -1.0, np.nan, 0.0
         self.coefficient[0] = memory.limits.start
-
-    def update(
-        self, wrenches: Matrix, flat: Vector, slipping: Vector, soles: Matrix, rotations: NDArray[np.float64], dt: float
-    ) -> None:
-        """Advance by ``dt`` [s].
-
-        ``wrenches`` are the ground reactions in the sole frames (2, 6) [N, N.m], ``flat`` the confidence that each
-        sole lies flat (2,) [-], ``slipping`` is 1 where a foot slips (2,), ``soles`` are the estimated places x, y in W
-        (2, 2) [m], ``rotations`` theirs to W (2, 3, 3).
-        """
-        watch_friction(wrenches, flat, slipping, soles, rotations, dt, self.memory)

@@ -1,14 +1,20 @@
 """Foot sensors against leg torques and motion; slips; samples at full scale."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
-from controllers.estimation.feet import NOT_FINITE, UNKNOWN, FootSensorMonitor, FootSensorState, SlipMonitor
+from controllers.estimation.feet import (
+    NOT_FINITE,
+    UNKNOWN,
+    FootSensorMonitor,
+    FootSensorState,
+    SlipMonitor,
+    judge_sensors,
+    watch_slips,
+)
 from controllers.estimation.samples import BAD_IMU, SATURATED_FEET, SATURATED_IMU, SensorBuffer
 from models.config import default_config
 from models.constants import GRAVITY
@@ -47,14 +53,22 @@ class Feet:
         noise: float = 0.1,
     ) -> tuple[FootSensorState, FootSensorState]:
         for _ in range(round(duration / DT)):
-            observer = SimpleNamespace(
-                measured=self.wrenches(*read),
-                estimated=self.wrenches(*torques),
-                base=np.array([0.0, 0.0, WEIGHT * (sum(torques) if total is None else total), 0.0, 0.0, 0.0]),
+            judge_sensors(
+                np.array(samples),
+                self.wrenches(*read, noise=noise),
+                self.wrenches(*read),
+                self.wrenches(*torques),
+                WEIGHT * (sum(torques) if total is None else total),
+                torques_good,
+                np.array(expected),
+                DT,
+                self.monitor.memory,
             )
-            readings = self.wrenches(*read, noise=noise)
-            self.monitor.update(np.array(samples), readings, observer, torques_good, np.array(expected), DT)
         return self.monitor.states
+
+    @property
+    def doubtful(self) -> bool:
+        return bool(self.monitor.memory.doubt[0] > 0.0)
 
 
 @pytest.mark.parametrize("lie", [0.5, 0.0, 2.0], ids=["on", "off", "saturated"])
@@ -62,7 +76,7 @@ def test_a_sensor_that_contradicts_torques_and_motion_is_out(lie: float) -> None
     feet, truth = Feet(), (0.0, 1.0) if lie else (0.6, 0.4)
     read = (lie, truth[1])
     assert feet.feel(read, truth, 0.8 * LIMITS.fault_time) == (SOUND, SOUND)
-    assert feet.monitor.doubtful
+    assert feet.doubtful
     assert feet.feel(read, truth, 0.4 * LIMITS.fault_time) == (CONTRADICTED, SOUND)
     assert feet.monitor.counts.tolist() == [1.0, 0.0]
     np.testing.assert_allclose(feet.monitor.used[:, 2], np.array(truth) * WEIGHT, atol=1.0)
@@ -94,8 +108,8 @@ def test_an_absent_sensor_is_replaced_and_comes_back() -> None:
     assert feet.monitor.used[0, 2] == pytest.approx(0.45 * WEIGHT)
     assert feet.feel((0.45, 0.55), torques, 0.8 * LIMITS.recover_time) == (ABSENT, SOUND)
     assert feet.feel((0.45, 0.55), torques, 0.4 * LIMITS.recover_time) == (SOUND, SOUND)
-    assert not feet.monitor.doubtful or feet.feel((0.45, 0.55), torques, 2.0 * LIMITS.settle_time)
-    assert not feet.monitor.doubtful
+    assert not feet.doubtful or feet.feel((0.45, 0.55), torques, 2.0 * LIMITS.settle_time)
+    assert not feet.doubtful
 
 
 def test_a_fault_stays_while_readings_contradict_or_repeat_themselves() -> None:
@@ -115,7 +129,7 @@ def test_a_slip_is_counted_once_raises_the_noise_and_ends() -> None:
     def feel(innovation: float, duration: float, stands: float = 1.0) -> np.ndarray:
         for _ in range(round(duration / DT)):
             densities = nominal.copy()
-            monitor.update(np.array([innovation, 1.0]), np.array([stands, 1.0]), DT, densities)
+            watch_slips(np.array([innovation, 1.0]), np.array([stands, 1.0]), DT, densities, monitor.memory)
         return densities
 
     over = 1.1 * CONFIG.gate

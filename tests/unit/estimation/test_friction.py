@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.estimation.config import EstimatorConfig, expecting
-from controllers.estimation.friction import FrictionEstimator, friction_demand
+from controllers.estimation.friction import FrictionEstimator, friction_demand, watch_friction
 from models.config import default_config
 from models.constants import GRAVITY
 from models.errors import ConfigError
@@ -36,7 +36,7 @@ class Ground:
         wrenches, slips = np.array([sole_wrench(self.model, ratio), np.zeros(6)]), np.array([float(speed > 0.0), 0.0])
         for _ in range(round(duration / DT)):
             self.soles[0] -= speed * DT * np.array([np.cos(angle), np.sin(angle)])
-            self.law.update(wrenches, np.array([flat, 0.0]), slips, self.soles, ROTATIONS, DT)
+            watch_friction(wrenches, np.array([flat, 0.0]), slips, self.soles, ROTATIONS, DT, self.law.memory)
         return float(self.law.coefficient[0])
 
 
