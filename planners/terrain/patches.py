@@ -30,12 +30,6 @@ class Patch(Struct, frozen=True):
         """Seen from above [m^2]."""
         return float(_area(self.vertices))
 
-    def contains(self, x: float, y: float) -> bool:
-        """Whether a point [m] is above the polygon, its edge included."""
-        ahead = np.roll(self.vertices, -1, axis=0) - self.vertices
-        side = ahead[:, 0] * (y - self.vertices[:, 1]) - ahead[:, 1] * (x - self.vertices[:, 0])
-        return bool((side >= -1e-9).all())
-
     def height(self, x: float, y: float) -> float:
         """Height of the plane over a point [m]."""
         n, p = self.normal, self.vertices[0]

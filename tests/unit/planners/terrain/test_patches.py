@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from matplotlib.path import Path
 
 from models.config import default_config
 from models.terrain import Ground, terrain_named
@@ -27,7 +28,7 @@ def mapped(height: object, noise: float = 0.0, x: float = 0.0) -> ElevationMap:
 
 
 def on(patches: list[Patch], x: float, y: float) -> list[Patch]:
-    return [patch for patch in patches if patch.contains(x, y)]
+    return [patch for patch in patches if Path(patch.vertices[:, :2]).contains_point((x, y))]
 
 
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (0.2, 0.0), (0.1, -0.15)])
