@@ -78,7 +78,7 @@ class MotionPlayer:
 
     def stand_up(self) -> None:
         """End any motion and go from the present posture to 'stand', which the arms keep during a walk."""
-        self._upper.stop()
+        self._upper.release()
         if self._motion is None and np.array_equal(self._last[0], self._stand):
             return
         self._begin(self._trajectory_to(self._stand, self._config.stand_up_s), *self._last)

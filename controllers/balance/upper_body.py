@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from models.robot_model import RobotModel
 from models.spline import fade_out, min_jerk
 from models.trajectory import TrajectorySampler, validate_trajectory
-from models.types import JointTrajectory, Vector
+from models.types import JointTrajectory, Matrix, Vector
 
 
 def free_joints(model: RobotModel) -> NDArray[np.bool_]:
@@ -26,7 +26,7 @@ class UpperBodyMotion:
         q = q_{ref} + w (q_m - q_{ref}), \quad w = s(\min(t, T - t) / T_f), \quad s(u) = u^3 (6 u^2 - 15 u + 10)
 
     with its first two derivatives, so that velocity and acceleration have no step where the walk swings its arms. What
-    a motion that is replaced adds to the posture fades out within the time of the blend.
+    a motion that is replaced or released adds to the posture fades out within the time of the blend.
 
     ``free`` are the joints of arms and head (nj,).
     """
@@ -42,16 +42,24 @@ class UpperBodyMotion:
         return self._motion is not None
 
     def drop(self) -> None:
-        """Forget the motion at once."""
+        """Forget the motion at once, and what it adds to the posture."""
         self._motion: TrajectorySampler | None = None
         self._t = self._end = self._fade = 0.0
         self._added = np.zeros((3, self._model.nj))  # to posture, velocity and acceleration
-        self._former = self._added  # the same as the motion began
+        self._former, self._since = (
+            self._added,
+            self._fade_time,
+        )  # the same of the motion before, at its end; time since
+
+    def release(self) -> None:
+        """Forget the motion at once; what it adds to the posture fades out."""
+        self._motion, self._former, self._since = None, self._added, 0.0
 
     def follow(self, trajectory: JointTrajectory, posture: Vector) -> None:
         """Start a motion that was planned from a posture (nj,) [rad]; errors as of ``validate_trajectory``."""
         validate_trajectory(trajectory, self._model, start_q=posture)
-        self._motion, self._former = TrajectorySampler(trajectory, self._model, posture), self._added
+        self.release()
+        self._motion = TrajectorySampler(trajectory, self._model, posture)
         self._t, self._end = 0.0, self._motion.duration
         self._fade = min(self._fade_time, 0.5 * self._end)
 
@@ -61,24 +69,29 @@ class UpperBodyMotion:
 
     def step(self, posture: Vector, velocity: Vector, acceleration: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
         """The posture, its rate and the rate of that with the motion in them, a tick of so many seconds later."""
-        if self._motion is None:
-            return posture, velocity, acceleration
         self._t += dt
+        self._since += dt
         if self._t >= self._end:
-            self.drop()
+            self._motion = None
+        if self._motion is None and self._since >= self._fade_time:
+            self._added[:] = 0.0
             return posture, velocity, acceleration
+        self._added = added = np.zeros((3, self._model.nj))
+        if self._motion is not None:
+            added += self._blended(self._motion, posture, velocity, acceleration)
+        if self._since < self._fade_time:
+            added += fade_out(self._former, self._since, self._fade_time)
+        return posture + added[0], velocity + added[1], acceleration + added[2]
+
+    def _blended(self, motion: TrajectorySampler, posture: Vector, velocity: Vector, acceleration: Vector) -> Matrix:
+        """What the motion adds to posture, velocity and acceleration (3, nj)."""
         left = self._end - self._t
         u, sign = (left / self._fade, -1.0) if left < self._t else (self._t / self._fade, 1.0)
-        u = min(u, 1.0)
-        weight, rate, bend = min_jerk(u)
+        weight, rate, bend = min_jerk(min(u, 1.0))
         rate *= sign / self._fade
         bend /= self._fade**2
-        q, v, a = self._motion.sample(self._t)
+        q, v, a = motion.sample(self._t)
         dq = np.where(self.free, q - posture, 0.0)
         dv = np.where(self.free, v - velocity, 0.0)
         da = np.where(self.free, a - acceleration, 0.0)
-        added = np.array([weight * dq, weight * dv + rate * dq, weight * da + 2.0 * rate * dv + bend * dq])
-        if self._t < self._fade:
-            added += fade_out(self._former, self._t, self._fade)
-        self._added = added
-        return posture + added[0], velocity + added[1], acceleration + added[2]
+        return np.array([weight * dq, weight * dv + rate * dq, weight * da + 2.0 * rate * dv + bend * dq])

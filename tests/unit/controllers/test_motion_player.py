@@ -106,6 +106,7 @@ def test_arms_that_return_from_a_motion_of_a_walk_go_on_from_where_they_are(g1: 
         played.player.stand_up()
     else:
         played.follow(g1.joint_names, [1.0], played.begin[None])
-    q, v, _ = played.to_the_end().transpose(1, 0, 2)
+    rows = np.array([played.last, *(played.player.step(DT) for _ in range(1000))])
+    q, v, _ = rows.transpose(1, 0, 2)
     assert np.abs(np.diff(q, axis=0)).max() < 6.0 * DT
     assert np.abs(np.diff(v, axis=0)).max() < 80.0 * DT
