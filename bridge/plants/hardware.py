@@ -76,17 +76,20 @@ class Finding(NamedTuple):
     """One value beyond a threshold."""
 
     level: Level
-    reason: str  # what is measured, value and threshold
+    quantity: str  # what is measured, without the joint: ``persistence`` counts while any joint is beyond
+    reason: str  # quantity, joint, value and threshold
     at_once: bool = False  # whether it counts without ``persistence``
 
 
-def beyond(what: str, value: float, unit: str, bounds: Thresholds) -> Finding | None:
-    """The most severe threshold that a value is beyond; None for none."""
+def beyond(quantity: str, value: float, unit: str, bounds: Thresholds, joint: str = "") -> Finding | None:
+    """The most severe threshold that a value, of a joint where given, is beyond; None for none."""
+    what = f"{quantity} of '{joint}'" if joint else quantity
     sign = 1.0 if bounds.rising else -1.0
     for level, bound in ((Level.DAMP, bounds.damp), (Level.HOLD, bounds.hold), (Level.WARN, bounds.warn)):
         if sign * (value - bound) > 0.0:
             side = "above" if bounds.rising else "below"
-            return Finding(level, f"{what}: {value:.3g} {unit} {side} {bound:g} {unit}".replace("  ", " ").rstrip())
+            text = f"{what}: {value:.3g} {unit} {side} {bound:g} {unit}"
+            return Finding(level, quantity, text.replace("  ", " ").rstrip())
     return None
 
 

@@ -34,8 +34,8 @@ class LowSample(Protocol):
 class HardwareMonitor:
     """Compares every state of the robot with the thresholds of its profile.
 
-    A value must be beyond a threshold for ``persistence`` before it counts. ``period`` is the time between two states
-    [s]. ``warnings``, ``holds`` and ``damps`` are the present reasons by level.
+    A quantity must be beyond a threshold for ``persistence`` before it counts; the worst joint may change. ``period``
+    is the time between two states [s]. ``warnings``, ``holds`` and ``damps`` are the present reasons by level.
     """
 
     def __init__(self, model: RobotModel, hardware: Hardware, period: float) -> None:
@@ -70,13 +70,11 @@ class HardwareMonitor:
         present = {}
         for finding in found:
             for level in range(finding.level + 1):  # a hold has been a warning, too
-                key = finding.reason.partition(":")[0], level
+                key = finding.quantity, level
                 present[key] = self._since.get(key, t)
         self._since = present
         lasting = [
-            each
-            for each in found
-            if each.at_once or t - present[each.reason.partition(":")[0], each.level] >= self._persistence
+            each for each in found if each.at_once or t - present[each.quantity, each.level] >= self._persistence
         ]
         self.warnings, self.holds, self.damps = (
             tuple(each.reason for each in lasting if each.level == level) for level in Level
@@ -112,7 +110,7 @@ class HardwareMonitor:
             self._error(sample.motor_state),
             None
             if given.voltage is None or sample.voltage.any()
-            else Finding(Level.WARN, "voltage: measured by no drive, so that a low one is not noticed"),
+            else Finding(Level.WARN, "no voltage", "voltage: measured by no drive, so that a low one is not noticed"),
         ]
 
     def _worst(
@@ -121,7 +119,7 @@ class HardwareMonitor:
         if bounds is None:
             return None
         joint = int(pick(values))
-        return beyond(f"{what} of '{self._names[joint]}'", float(values[joint]), unit, bounds)
+        return beyond(what, float(values[joint]), unit, bounds, self._names[joint])
 
     def _error(self, states: Vector) -> Finding | None:
         faulty = np.flatnonzero(states)
@@ -130,5 +128,6 @@ class HardwareMonitor:
         joint = int(faulty[0])
         return Finding(
             Level[self._hardware.motor_error.upper()],
+            "motor error",
             f"motor of '{self._names[joint]}': error word {int(states[joint]):#x}",
         )

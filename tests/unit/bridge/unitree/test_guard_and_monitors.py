@@ -109,17 +109,23 @@ def monitor_of(model: RobotModel) -> HardwareMonitor:
 def watch(
     monitor: HardwareMonitor, model: RobotModel, time: float, lost: int = 0, foreign: int = 0, **values: float
 ) -> None:
-    """Feed states with other values for all motors (``joint`` -1), the one with index ``joint``, or the left knee."""
+    """Feed states with other values for all motors (``joint`` -1), the one with index ``joint``, or the left knee.
+
+    Of the ``joints`` motors from that index on, each state has another one with these values.
+    """
     codec = UnitreeCodec(model, RobotClock(0.002, 1.0))
     record = np.zeros(1, LOW_STATE)[0]
     motors = record["motor_state"]
-    motors["temperature"], motors["vol"] = 40, 50.0
-    joint = int(values.pop("joint", 3))
-    for name, value in values.items():
-        motors[name][slice(None) if joint < 0 else joint] = value
+    joint, joints = int(values.pop("joint", 3)), int(values.pop("joints", 1))
     for tick in range(round(time / 0.002)):
         record["tick"] = 2 * tick
+        motors["temperature"], motors["vol"], motors["motorstate"] = 40, 50.0, 0
+        for name, value in values.items():
+            motors[name][slice(None) if joint < 0 else joint + tick % joints] = value
         monitor.step(codec.decode(write_low_state(record)), lost, 0.002 * (lost + 1), foreign)
+
+
+HOT = "motor temperature of 'left_knee_joint': 110 degC above 105 degC"
 
 
 @pytest.mark.parametrize(
@@ -128,12 +134,15 @@ def watch(
         ({}, "none", ""),
         ({"temperature": 80}, "warnings", "motor temperature of 'left_knee_joint': 80 degC above 75 degC"),
         ({"temperature": 95}, "holds", "motor temperature of 'left_knee_joint': 95 degC above 90 degC"),
-        ({"temperature": 110}, "damps", "motor temperature of 'left_knee_joint': 110 degC above 105 degC"),
+        ({"temperature": 110}, "damps", HOT),
         ({"vol": 43.0}, "warnings", "voltage of 'left_knee_joint': 43 V below 44 V"),
         ({"vol": 30.0}, "damps", "voltage of 'left_knee_joint': 30 V below 39 V"),
         ({"vol": 0.0}, "none", ""),
         ({"vol": 0.0, "joint": -1}, "warnings", "voltage: measured by no drive, so that a low one is not noticed"),
         ({"motorstate": 0x40}, "holds", "motor of 'left_knee_joint': error word 0x40"),
+        ({"temperature": 110, "joint": 2, "joints": 2}, "damps", HOT),
+        ({"vol": 30.0, "joint": 2, "joints": 2}, "damps", "voltage of 'left_knee_joint': 30 V below 39 V"),
+        ({"motorstate": 0x40, "joint": 2, "joints": 2}, "holds", "motor of 'left_knee_joint': error word 0x40"),
         ({"motorstate": 1, "joint": 33}, "none", ""),  # no motor of this robot
     ],
 )
