@@ -156,11 +156,15 @@ class RobotDriver(PoiseNode):
             self._probe.save(Path(self.config.latency_file))
 
     def restart(self, hanging: bool = False) -> None:
-        """Apply the newest calibration; reset a simulated robot to its start, or hang it up. Stamps go on."""
+        """Apply the newest calibration; reset a simulated robot to its start, or hang it up. Stamps go on.
+
+        ``CommandError`` when another robot is in its place: then nothing changes.
+        """
         offsets = self._calibration.read().encoder_offsets
-        self.drivers.encoder_offsets = offsets if offsets.any() else None
         if self._simulated is not None:
             self._simulated.reset(hanging=hanging)
+        self.drivers.encoder_offsets = offsets if offsets.any() else None
+        if self._simulated is not None:
             settled = self._simulated.settle()
             self._settled = settled if self.lockstep else None
         self._status.publish_start(self.stamp)

@@ -1,6 +1,7 @@
 """The bridge's part of a calibration: encoders are corrected from a start on, and a crane lifts the robot."""
 
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from bridge.driver.world import DriverWorld
 from bridge.nodes.robot_driver import RobotDriver
 from models.calibration import Calibration
 from models.calibration_store import CalibrationStore
+from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec
 from models.nodes.qos import LATCHED
@@ -96,6 +99,23 @@ def test_two_robots_in_namespaces_have_files_of_their_own(bench: Any, g1: RobotM
         found.append(node.drivers.encoder_offsets)
     np.testing.assert_array_equal(found[0], 0.01)
     assert found[1] is None
+
+
+def test_a_refused_reset_leaves_the_offsets(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    shared = DriverWorld()
+    given: dict[str, Any] = {"configured": False, "calibration_dir": tmp_path}
+    first, second = (
+        bench.add(partial(RobotDriver, shared, namespace=f"/robot_{number}"), place=[0.0, 1.5 * number, 0.0], **given)
+        for number in range(2)
+    )
+    first.bring_up()
+    second.bring_up()
+    save(g1, tmp_path, 0.01, "/robot_0")
+    place, other = (shared.world.robots[name].qpos for name in ("robot_0", "robot_1"))
+    shared.world.data.qpos[other] = shared.world.data.qpos[place]
+    with pytest.raises(CommandError, match="robot_1 is in the place of robot_0"):
+        first.restart()
+    assert first.drivers.encoder_offsets is None
 
 
 def test_the_crane_takes_a_robot_that_is_held_or_off_only(bench: Any, g1: RobotModel) -> None:
