@@ -254,7 +254,8 @@ class SimulationServices:
       ``faults.scenario``.
     - Topic ``push`` (WrenchStamped): force in W [N] on the body ``header.frame_id`` for ``push.duration``.
 
-    ``restart`` resets the robot to its start, or (True) hangs it up; ``pause`` stops (True) or resumes simulated time.
+    ``restart`` resets the robot to its start, or (True) hangs it up, and ends a pause; ``pause`` stops (True) or
+    resumes simulated time.
     """
 
     def __init__(

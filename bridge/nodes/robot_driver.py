@@ -158,11 +158,12 @@ class RobotDriver(PoiseNode):
     def restart(self, hanging: bool = False) -> None:
         """Apply the newest calibration; reset a simulated robot to its start, or hang it up. Stamps go on.
 
-        ``CommandError`` when another robot is in its place: then nothing changes.
+        A pause of this driver ends. ``CommandError`` when another robot is in its place: then nothing changes.
         """
         offsets = self._calibration.read().encoder_offsets
         if self._simulated is not None:
             self._simulated.reset(hanging=hanging)
+        self.paused = False
         self.drivers.encoder_offsets = offsets if offsets.any() else None
         if self._simulated is not None:
             settled = self._simulated.settle()

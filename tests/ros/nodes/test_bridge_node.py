@@ -172,6 +172,15 @@ def test_a_held_robot_that_is_put_back_is_said_to_be_held_again(bench: Any, brid
     bench.wait(lambda: seen == [topics.HELD, topics.HELD])
 
 
+def test_time_goes_on_after_a_reset_and_a_restart(bridge: RobotDriver) -> None:
+    for again in ([bridge.restart], [bridge.trigger_deactivate, bridge.trigger_activate]):
+        bridge.paused = True
+        assert not bridge.running
+        for each in again:
+            each()
+        assert bridge.running
+
+
 def test_unknown_modes_are_refused_by_name(bridge: RobotDriver) -> None:
     bridge.commands.on_mode(String(data="fly"))
     assert bridge.counters[f"refused {topics.MODE}"] == 1
