@@ -21,7 +21,7 @@ from models.nodes.odometry import velocity_from_twist, velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.nodes.services import PACKAGE
 from models.nodes.status import subscribe_status
-from models.status import GaitStatus, MotionState, RouteState, RouteStatus
+from models.status import GaitStatus, MotionState, MotionStatus, RouteState, RouteStatus
 from models.types import CommandReply, Mode, Velocity
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import pose_message
@@ -158,7 +158,7 @@ def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
 
 
 PLAN_TIMEOUT = 30.0  #: Longest wait for a plan [s]
-END_TIMEOUT = 10.0  #: Longest wait for the end of the motion beyond the time that it was planned for [s]
+END_TIMEOUT = 10.0  #: Longest wait for the end of the motion after the planned time, in time of the robot [s]
 
 
 def reach(
@@ -174,8 +174,8 @@ def reach(
 
     ``frame`` is moved (also an alias such as ``left_hand``) to ``position`` (3,) [m] in ``frame_id`` within
     ``duration`` [s], 0: as short as the joints allow. The reply is accepted when the motion was planned and, with
-    ``execute``, played to its end. Raises ``CommandError`` when the service is absent or does not answer,
-    ``MessageError`` when its type is not built.
+    ``execute``, played to its end; a refusal has its reason. Raises ``CommandError`` when the service is absent or does
+    not answer, and without odometry, ``MessageError`` when its type is not built.
     """
     kind = interface(PACKAGE, "srv", "PlanMotion")
     request = kind.Request(frame=frame, duration=duration, execute=execute)
@@ -186,9 +186,13 @@ def reach(
     answer = client.call(kind, topics.PLAN_MOTION, request, answer_timeout=PLAN_TIMEOUT)
     if not answer.success or not execute:
         return CommandReply(bool(answer.success), str(answer.message))
-    end = answer.trajectory.points[-1].time_from_start
-    motions = client.motions
-    done = client.wait(
-        lambda: any(m.state is MotionState.DONE for m in motions), math.ceil(end.sec + 1e-9 * end.nanosec) + END_TIMEOUT
-    )
-    return CommandReply(done, f"{answer.message}; {'done' if done else 'its end was not reported'}")
+    length = answer.trajectory.points[-1].time_from_start
+    ends: list[MotionStatus] = []
+
+    def ended() -> bool:  # a refusal with a request is that of another motion
+        ends[:] = [m for m in client.motions if m.state in (MotionState.DONE, MotionState.REFUSED) and not m.request]
+        return bool(ends)
+
+    RobotClock(client).wait(ended, length.sec + 1e-9 * length.nanosec + END_TIMEOUT)
+    done = bool(ends) and ends[0].state is MotionState.DONE
+    return CommandReply(done, f"{answer.message}; {ends[0] if ends else 'its end was not reported'}")

@@ -19,9 +19,11 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectoryPoint
 
 from bridge.record.observer import Observer
 from bridge.ros import client as client_module
@@ -31,9 +33,11 @@ from bridge.ros.environment import claim_graph, graphs_elsewhere, join_graph
 from controllers.commands.command_signature import Signer, Verifier
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
+from models.nodes.interfaces import interface
 from models.nodes.messages import JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR, STATE
+from models.nodes.services import PACKAGE
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.status import GaitStatus, MotionState, MotionStatus, StartStatus, SupervisorStatus
 from models.types import Mode
@@ -60,7 +64,7 @@ class FakeSupervisor(Node):
         for mode in ("walk", "stand"):
             self.create_service(Trigger, f"mode/{mode}", partial(self.on_mode, mode))
         self.create_subscription(Twist, topics.CMD_VEL, lambda message: None, COMMAND)
-        self.odometry = self.create_publisher(Odometry, topics.ODOM, STATE)
+        self.odometry, self.speed = self.create_publisher(Odometry, topics.ODOM, STATE), 1.0
         self.create_timer(0.05, self.report)
 
     def on_text(self, message: String) -> None:
@@ -84,7 +88,8 @@ class FakeSupervisor(Node):
         return response
 
     def report(self) -> None:
-        self.odometry.publish(Odometry(header=Header(stamp=self.get_clock().now().to_msg())))
+        stamp = Time(nanoseconds=int(self.speed * self.get_clock().now().nanoseconds))
+        self.odometry.publish(Odometry(header=Header(stamp=stamp.to_msg())))
         record = SupervisorStatus("g1", Mode.STAND, self.refused, "a velocity of another program", (), holds=("held",))
         answer = "unknown command 'fly'" if self.texts[-1:] == ["fly"] else f"done: {self.texts[-1:]}"
         self.status.publish(replace(record, answered=self.answered, answer=answer))
@@ -157,6 +162,31 @@ def test_a_walk_that_is_held_is_reported(supervisor: FakeSupervisor) -> None:
         client.robot()
         reply = walk.walk(client, (0.2, 0.0, 0.0), 5.0)
     assert not reply.accepted and reply.reason.startswith("the walk was held after 0.0 s: held; mode 'stand'")
+
+
+@pytest.mark.parametrize("end", [MotionStatus(MotionState.DONE), MotionStatus(MotionState.REFUSED, "", "too fast")])
+def test_a_reach_lasts_until_its_motion_ends(
+    supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch, end: MotionStatus
+) -> None:
+    """The time is that of a slow simulation; the refusal of another motion does not count."""
+    try:
+        kind = interface(PACKAGE, "srv", "PlanMotion")
+    except PoiseError as error:
+        pytest.skip(str(error))
+    monkeypatch.setattr(walk, "END_TIMEOUT", 0.1)
+    supervisor.speed = 0.005
+
+    def plan(request: Any, response: Any) -> Any:
+        response.success, response.message = True, "planned"
+        response.trajectory.points = [JointTrajectoryPoint()]
+        supervisor.states.publish(MotionStatus(MotionState.REFUSED, "fly", "unknown"))
+        supervisor.create_timer(0.5, lambda: supervisor.states.publish(end))
+        return response
+
+    supervisor.create_service(kind, topics.PLAN_MOTION, plan)
+    with Client() as client:
+        reply = walk.reach(client, "left_hand", (0.3, 0.2, 0.1), frame_id="base_link")
+    assert (reply.accepted, reply.reason) == (end.state is MotionState.DONE, f"planned; {end}")
 
 
 def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:
