@@ -23,7 +23,7 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "plant": ("mujoco", "The robot: mujoco, unitree, booster, ros2_control, an installed plant, or module:Class"),
     "plant_options": ("", "Arguments of another plant than mujoco: YAML in braces, or a file"),
     "network_interface": ("", "Of this computer, to a real robot"),
-    "robot_domain": ("0", "DDS domain of a real robot"),
+    "robot_domain": ("", "DDS domain of a real robot; that of plant_options, or 0, where empty"),
     "camera": ("false", "Whether to draw the robot's camera, in a process of its own"),
     "terrain_map": ("false", "Whether to cast depth camera and lidar, and map the ground, in two further processes"),
 }
@@ -33,11 +33,14 @@ END_TIME = "15.0"  #: ``poise up`` gives its processes 9 s to end [s]
 
 
 def command(given: Mapping[str, str]) -> list[str]:
-    """Command line of ``poise up`` from the values of the launch arguments; ``ValueError`` names an invalid flag."""
+    """Command line of ``poise up`` from the values of the launch arguments; empty ones are left out.
+
+    ``ValueError`` names an invalid flag.
+    """
     line = [str(POISE), "up"]
     for name, value in given.items():
         if name not in FLAGS:
-            line += [f"--{name.replace('_', '-')}", value]
+            line += [f"--{name.replace('_', '-')}", value] if value else []
         elif value.lower() not in ("true", "false"):
             raise ValueError(f"{name}: '{value}' is neither true nor false")
         elif value.lower() == "true":

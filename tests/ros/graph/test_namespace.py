@@ -111,5 +111,10 @@ def test_the_launch_file_asks_for_options_that_poise_up_has(launch_file: Any, mo
     assert result.exit_code == 0, result.output
     assert (given["robot"], given["namespace"]) == ("talos", "robot_1")
     assert (given["network"], given["lockstep"]) == (True, False)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "1")
+    real = {"plant": "unitree", "plant_options": "{network_interface: lo, domain: 3}"}
+    result = CliRunner().invoke(app, launch_file.command(values | real)[1:])
+    assert result.exit_code == 0, result.output
+    assert given["robot_network"].domain == 3
     with pytest.raises(ValueError, match="network: 'perhaps'"):
         launch_file.command({"network": "perhaps"})
