@@ -168,7 +168,7 @@ def up(
     from models.calibration_store import calibration_directory
     from models.errors import ConfigError
     from models.profile import load_profile
-    from models.terrain import terrain_named
+    from models.terrain import FLAT, terrain_named
 
     with report_errors():
         read_sensor_errors(sensor_errors)
@@ -192,6 +192,12 @@ def up(
                 )
     if several and plant != "mujoco":
         raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
+    if plant == "mujoco" and plant_options:
+        raise typer.BadParameter("--plant-options goes with another --plant than mujoco")
+    if plant != "mujoco" and (sensor_errors or faults or terrain != FLAT):
+        raise typer.BadParameter(
+            "--sensor-errors, --faults and --terrain go with --plant mujoco; poise rehearse has faults of a real robot"
+        )
     hardware: dict[str, Any] = {}
     from bridge.launch.hardware import PLANTS, check_plant, hardware_options
 
@@ -204,10 +210,12 @@ def up(
             check_plant(plant, robot, plant_options)
         if speed != 1.0:
             raise typer.BadParameter("--speed goes with a simulated robot; poise rehearse has an own one")
-    elif network_interface or at_end:
+    elif network_interface or at_end or robot_domain is not None or robot_rate is not None:
         with report_errors():
             find_plant(plant)  # it may be misspelt
-        raise typer.BadParameter(f"--network-interface and --at-end go with --plant {' or '.join(PLANTS)}")
+        raise typer.BadParameter(
+            "--network-interface, --robot-domain, --robot-rate and --at-end go with --plant " + " or ".join(PLANTS)
+        )
     if calibration is None and not sensor_errors:
         calibration = calibration_directory() / plant.replace(":", ".")  # a simulated robot has its own
     given = {"sensor_errors": sensor_errors, "faults.plan": faults, "plant_options": plant_options}

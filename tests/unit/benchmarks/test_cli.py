@@ -203,6 +203,25 @@ def test_unknown_faults_are_refused_before_anything_starts() -> None:
     assert result.exit_code == 2 and "unknown scenario 'headless'" in result.output
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["--robot-rate", "500"],
+        ["--robot-domain", "0"],
+        ["--plant-options", "{rate: 500.0}"],
+        ["--plant", "unitree", "--faults", "dead_knee"],
+        ["--plant", "unitree", "--sensor-errors", "{force_offsets: 15}"],
+        ["--plant", "own:Plant", "--terrain", "tiles"],
+    ],
+)
+def test_options_that_a_plant_does_not_have_are_refused(given: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = pytest.importorskip("bridge.launch.graph")
+    monkeypatch.setattr(graph, "up", lambda *_, **__: 0)
+    result = RUNNER.invoke(app, ["up", *given])
+    words = "".join(result.output.split("│")).split()  # in a frame
+    assert result.exit_code == 2 and given[-2] in " ".join(words) and "--plant" in words, result.output
+
+
 def test_a_terrain_map_without_sensors_is_refused_before_anything_starts() -> None:
     pytest.importorskip("rclpy")
     result = RUNNER.invoke(app, ["up", "--robot", "talos_hardware", "--terrain-map"])
