@@ -8,6 +8,7 @@ from bridge.launch.ending import EndConfig
 from bridge.launch.robot_network import LOOPBACK_INTERFACE, RobotNetwork
 from bridge.plants.base import make_plant
 from bridge.plants.config import read_options
+from bridge.ros.environment import LAST_DOMAIN
 from bridge.ros.processes import RATED_NODES
 from models.config import default_config, overlaid
 from models.errors import ConfigError
@@ -18,7 +19,6 @@ PLANTS = (UNITREE, BOOSTER, ROS2_CONTROL)  #: Plants of real robots, by name
 #: Profile of the real robot by that of the simulated one
 PROFILES = {"g1": "g1_hardware", "talos": "talos_hardware"}
 UNITREE_RATE = 500  #: [Hz]
-DOMAIN_MAX = 232  #: Above it, the ports of DDS end
 
 
 def hardware_options(
@@ -39,8 +39,8 @@ def hardware_options(
     given = read_options(plant_options)
     interface = _agreed("network-interface", interface or None, given, "network_interface")
     domain = _agreed("robot-domain", domain, given, "domain") or 0
-    if not isinstance(domain, int) or not 0 <= domain <= DOMAIN_MAX:
-        raise ConfigError(f"domain: {domain!r} is not a DDS domain, 0 to {DOMAIN_MAX}")
+    if not isinstance(domain, int) or not 0 <= domain <= LAST_DOMAIN:
+        raise ConfigError(f"domain: {domain!r} is not a DDS domain, 0 to {LAST_DOMAIN}")
     if plant != ROS2_CONTROL and not interface:
         raise ConfigError(f"--plant {plant} needs --network-interface: this computer's to the robot, such as eth0")
     interface = interface or LOOPBACK_INTERFACE

@@ -6,7 +6,6 @@ DDS domain; the graph must have another one, or its topics would be offered to t
 """
 
 import fcntl
-import os
 import secrets
 import socket
 import struct
@@ -17,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from bridge.plants.hardware import SESSION, real_robot
-from bridge.ros.environment import PROFILE_VARIABLE
+from bridge.ros.environment import PROFILE_VARIABLE, ros_domain
 from bridge.ros.processes import BRIDGE, ProcessSpec
 from models.errors import ConfigError
 from models.files import state_folder
@@ -83,7 +82,7 @@ class RobotNetwork:
 
     def check(self, graph_domain: int | None = None) -> str:
         """Address of the interface; ``ConfigError`` when it has none, or when the graph has the robot's domain."""
-        graph = int(os.environ.get("ROS_DOMAIN_ID") or 0) if graph_domain is None else graph_domain
+        graph = ros_domain(graph_domain)
         if graph == self.domain:
             raise ConfigError(
                 f"ROS domain {graph} is the robot's: the graph's topics would be offered to its network; choose "

@@ -29,6 +29,7 @@ from models.numerics.threads import THREAD_VARIABLES
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 #: Port of domain 0, ports per domain, and the last domain below Linux's ephemeral ports (DDSI-RTPS 9.6.1)
 DISCOVERY_PORT, DOMAIN_STEP, DOMAIN_MAX = 7400, 250, 101
+LAST_DOMAIN = 232  #: Above it, the ports of DDS end
 #: Port of a domain's first participant after the discovery port, each next one is two on; how many are sought
 UNICAST_PORT, PARTICIPANTS = 10, 32
 CLAIMS_MAX = 16  #: Domains that a process holds at a time: the last ones returned
@@ -36,15 +37,27 @@ _domains = itertools.count(os.getpid())
 _claims: deque[IO[str]] = deque(maxlen=CLAIMS_MAX)
 
 
+def ros_domain(domain_id: int | None = None) -> int:
+    """``domain_id``, or the ROS domain of the environment when None; ``PoiseError`` where that is not a domain."""
+    if domain_id is not None:
+        return domain_id
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not text.strip().isdecimal() or int(text) > LAST_DOMAIN:
+        raise PoiseError(
+            f"ROS_DOMAIN_ID: '{text}' is not a ROS domain, 0 to {LAST_DOMAIN}; export ROS_DOMAIN_ID=1, for example"
+        )
+    return int(text)
+
+
 def graph_environment(*, domain_id: int | None = None, network: bool = False) -> dict[str, str]:
     """Environment variables to change, by name; a user-defined profile file is kept.
 
-    ``domain_id`` is the ROS domain, that of the environment when None; ``network`` lets other machines join.
+    ``domain_id`` is the ROS domain, that of the environment when None; ``network`` lets other machines join. Raises
+    ``PoiseError`` as ``ros_domain``.
     """
     variables = dict.fromkeys(THREAD_VARIABLES, "1")
     variables[SUPERVISED] = "1"
-    if domain_id is not None:
-        variables["ROS_DOMAIN_ID"] = str(domain_id)
+    variables["ROS_DOMAIN_ID"] = str(ros_domain(domain_id))
     profile = str(Path(str(files("bridge"))) / "config" / "loopback.xml")
     if not network and os.environ.get(PROFILE_VARIABLE, profile) == profile:
         variables[PROFILE_VARIABLE] = profile
@@ -92,7 +105,7 @@ def _lock(name: str, note: str = "", *, shared: bool = False) -> IO[str] | str:
 
 def _graph(domain_id: int | None, namespace: str) -> tuple[str, str]:
     """Name of a graph's lock, and its place in words; the domain is that of the environment when None."""
-    domain = int(os.environ.get("ROS_DOMAIN_ID") or 0) if domain_id is None else domain_id
+    domain = ros_domain(domain_id)
     place = f"ROS domain {domain}" + (f", namespace {namespace}" if namespace else "")
     return f"graph-{domain}{namespace.replace('/', '-')}", place
 

@@ -25,6 +25,7 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from bridge.launch.robot_network import RobotNetwork
 from bridge.record.observer import Observer
 from bridge.ros import client as client_module
 from bridge.ros import walk
@@ -248,6 +249,14 @@ def test_a_graph_in_another_domain_is_named(context: Context, ros_domain_id: int
             client.robot(timeout=0.3)
         with claim_graph("g1", None, "/robot_1"):
             assert not graphs_elsewhere("/robot_1")
+
+
+@pytest.mark.parametrize("text", ["robot", "-1", "233"])
+def test_what_is_no_ros_domain_is_refused_by_name(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    for use in (lambda: claim_graph("g1", None, ""), RobotNetwork("lo").check, Client().__enter__):
+        with pytest.raises(PoiseError, match=f"ROS_DOMAIN_ID: '{text}' is not a ROS domain, 0 to 232; export"):
+            use()
 
 
 def test_a_request_at_once_is_answered(supervisor: FakeSupervisor) -> None:
