@@ -6,6 +6,7 @@ import os
 import socket
 import sys
 import tempfile
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -32,6 +33,7 @@ DISCOVERY_PORT, DOMAIN_STEP, DOMAIN_MAX = 7400, 250, 101
 LAST_DOMAIN = 232  #: Above it, the ports of DDS end
 #: Port of a domain's first participant after the discovery port, each next one is two on; how many are sought
 UNICAST_PORT, PARTICIPANTS = 10, 32
+CLAIM_TIME, CLAIM_PERIOD = 0.5, 0.01  #: For which a graph is claimed, as a command may be looking for it; period [s]
 CLAIMS_MAX = 16  #: Domains that a process holds at a time: the last ones returned
 _domains = itertools.count(os.getpid())
 _claims: deque[IO[str]] = deque(maxlen=CLAIMS_MAX)
@@ -113,7 +115,9 @@ def _graph(domain_id: int | None, namespace: str) -> tuple[str, str]:
 def claim_graph(robot: str, domain_id: int | None, namespace: str) -> IO[str]:
     """Lock file of a graph on this machine, held while open; ``PoiseError`` names robot and process that run there."""
     name, place = _graph(domain_id, namespace)
-    held = _lock(name, f"{robot}, process {os.getpid()}")
+    end = time.monotonic() + CLAIM_TIME
+    while isinstance(held := _lock(name, f"{robot}, process {os.getpid()}"), str) and time.monotonic() < end:
+        time.sleep(CLAIM_PERIOD)
     if isinstance(held, str):
         raise PoiseError(
             f"already running in {place}: {held}; end it with Ctrl-C there, or give this one another --namespace or "

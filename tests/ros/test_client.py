@@ -1,12 +1,15 @@
 """The command line's client and the demonstration's observer, against a graph of a few fake topics."""
 
+import fcntl
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -257,6 +260,17 @@ def test_what_is_no_ros_domain_is_refused_by_name(text: str, monkeypatch: pytest
     for use in (lambda: claim_graph("g1", None, ""), RobotNetwork("lo").check, Client().__enter__):
         with pytest.raises(PoiseError, match=f"ROS_DOMAIN_ID: '{text}' is not a ROS domain, 0 to 232; export"):
             use()
+
+
+def test_a_command_that_looks_for_graphs_does_not_prevent_one(
+    ros_domain_id: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    claim_graph("g1", None, "").close()
+    file = Path(tempfile.gettempdir()) / f"poise-graph-{ros_domain_id}-{os.getuid()}.lock"
+    with file.open() as looking:
+        fcntl.flock(looking, fcntl.LOCK_SH)
+        monkeypatch.setattr(time, "sleep", lambda _: looking.close())
+        claim_graph("g1", None, "").close()
 
 
 def test_a_request_at_once_is_answered(supervisor: FakeSupervisor) -> None:
