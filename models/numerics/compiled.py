@@ -15,8 +15,10 @@ Environment:
 from __future__ import annotations
 
 import ast
+import atexit
 import hashlib
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from functools import cache
@@ -88,7 +90,14 @@ def _cache_folder() -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
     except OSError:
-        return Path(tempfile.mkdtemp(prefix="poise-numba-"))
+        own, process = tempfile.mkdtemp(prefix="poise-numba-"), os.getpid()
+
+        def remove() -> None:
+            if os.getpid() == process:  # a forked process leaves the folder to its parent
+                shutil.rmtree(own, ignore_errors=True)
+
+        atexit.register(remove)
+        return Path(own)
     return folder
 
 

@@ -1,6 +1,8 @@
 """The cache of compiled kernels follows the sources that a kernel is made from, and nothing else."""
 
+import os
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -85,6 +87,19 @@ def test_processes_that_compile_at_the_same_time_never_take_each_others_code(tmp
     first.save("floats", "code for floats")
     assert reader.load("integers") == "code for integers"
     assert reader.load("floats") is None  # compiled again
+
+
+def test_without_a_writable_cache_the_folder_ends_with_the_process(tmp_path: Path) -> None:
+    program = (
+        "import os, pathlib, sys; from models.numerics.compiled import _cache_folder; folder = _cache_folder()\n"
+        "if not (child := os.fork()): sys.exit()\n"
+        "os.waitpid(child, 0); print(folder.parent, folder.is_dir())"
+    )
+    places = {"NUMBA_CACHE_DIR": str(Path(os.devnull) / "numba"), "TMPDIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | places, cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == [str(tmp_path), "True"] and not list(tmp_path.iterdir())
 
 
 def test_functions_of_other_projects_are_left_to_numba() -> None:
