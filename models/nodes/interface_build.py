@@ -83,7 +83,7 @@ class InterfaceBuild:
         return digest.hexdigest()
 
     def run(self) -> None:
-        """Generate, compile and install the package atomically; ``PoiseError`` quotes or names the tool."""
+        """Generate, compile and install the package; ``PoiseError`` quotes or names the tool."""
         require_tools()
         self._prefix = ros_prefix()
         with tempfile.TemporaryDirectory(prefix="poise_interfaces_") as folder:
@@ -95,11 +95,7 @@ class InterfaceBuild:
             self._build_libraries(work, made)
             (made / "__init__.py").write_text(LOADER.format(libraries=LIBRARIES, package=self._package))
             (made / STAMP).write_text(self.stamp)
-            place, new = self._into / self._package, self._into / f".{self._package}.new"
-            shutil.rmtree(new, ignore_errors=True)
-            shutil.copytree(made, new)
-            shutil.rmtree(place, ignore_errors=True)
-            new.rename(place)
+            install(made, self._into / self._package)
         self._register()
 
     def _build_libraries(self, work: Path, made: Path) -> None:
@@ -151,6 +147,18 @@ class InterfaceBuild:
         for kind, text in (("packages", ""), ("rosidl_interfaces", "\n".join(names))):
             (index / kind).mkdir(parents=True, exist_ok=True)
             (index / kind / self._package).write_text(text)
+
+
+def install(made: Path, place: Path) -> None:
+    """Copy a folder to ``place`` by renaming; what was there before is deleted last, so that no end leaves a part."""
+    new, old = (place.with_name(f".{place.name}.{name}") for name in ("new", "old"))
+    for each in (new, old):
+        shutil.rmtree(each, ignore_errors=True)
+    shutil.copytree(made, new)
+    if place.exists():
+        place.rename(old)
+    new.rename(place)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def ros_prefix() -> Path:

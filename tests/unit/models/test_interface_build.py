@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rosidl_generator_py")
 from models.errors import MessageError, PoiseError
 from models.nodes import interface_build
-from models.nodes.interface_build import DEFINITIONS, PACKAGES, build_interfaces, require_tools
+from models.nodes.interface_build import DEFINITIONS, PACKAGES, build_interfaces, install, require_tools
 from models.nodes.interfaces import interface
 
 
@@ -46,6 +46,27 @@ def test_a_missing_compiler_is_named_and_all_else_goes_on(tmp_path: Path, monkey
 def test_what_is_not_built_is_named_with_how_it_is() -> None:
     with pytest.raises(MessageError, match="no poise_interfaces/srv/Fly: build them with: python -m"):
         interface("poise_interfaces", "srv", "Fly")
+
+
+@pytest.mark.parametrize("deletions", [1, 2, 3])
+def test_a_build_that_ends_while_it_deletes_leaves_a_whole_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, deletions: int
+) -> None:
+    place, made, delete, done = tmp_path / "package", tmp_path / "made", shutil.rmtree, []
+    for folder, text in ((place, "old"), (made, "new")):
+        folder.mkdir()
+        (folder / "file").write_text(text)
+
+    def delete_and_end(path: Path, **options: bool) -> None:
+        delete(path, **options)
+        done.append(path)
+        if len(done) == deletions:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(shutil, "rmtree", delete_and_end)
+    with pytest.raises(KeyboardInterrupt):
+        install(made, place)
+    assert (place / "file").read_text() == ("new" if deletions == 3 else "old")
 
 
 @pytest.mark.slow
