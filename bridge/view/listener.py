@@ -117,7 +117,7 @@ class Listener:
         listen(Float64, topics.REAL_TIME_FACTOR, self._word("factor"), LATCHED)
         listen(WrenchStamped, topics.EXTERNAL_WRENCH, self._on_push, SENSOR)
         listen(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
-        listen(DiagnosticStatus, topics.REFUSALS, self._on_refusal, LATCHED)
+        listen(DiagnosticStatus, topics.REFUSALS, self._on_refusal, EVENT)  # latched ones have no age
         listen(Path, topics.FOOTSTEPS, self._on_footsteps, EVENT)
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
         subscribe_status(client.node, ControlStatus, topics.CONTROL_STATUS, self._on_control)

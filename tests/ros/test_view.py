@@ -28,7 +28,7 @@ from models.nodes import topics
 from models.nodes.messages import JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import describe
-from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
+from models.nodes.qos import COMMAND, EVENT, LATCHED, REFUSALS, SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.status import GET_UP, ControlStatus, StartStatus, SupervisorStatus
 from models.types import Mode, SolveStatus
@@ -164,10 +164,15 @@ def test_the_start_and_the_monitors_of_a_real_robot(client: Client, bench: Bench
 def test_whatever_is_red_has_its_reason_and_the_remedy(
     client: Client, bench: Bench, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    listener, world = Listener(g1, client, CONFIG), bench.world
+    world = bench.world
+    refusals = world.create_publisher(DiagnosticStatus, topics.REFUSALS, REFUSALS)
+    refusals.publish(DiagnosticStatus(name="/gait_planner", message="refused before the page was opened"))
+    listener = Listener(g1, client, CONFIG)
+    until(client, bench, lambda: refusals.get_subscription_count() > 0)
+    client.spin(0.3)
+    assert "/gait_planner" not in dict(listener.words().faults)
     diagnostics = world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
     factor = world.create_publisher(Float64, topics.REAL_TIME_FACTOR, LATCHED)
-    refusals = world.create_publisher(DiagnosticStatus, topics.REFUSALS, LATCHED)
     mode = world.create_publisher(String, topics.MODE, LATCHED)
     supervisor = StatusTopic(world, topics.SUPERVISOR_STATUS, LATCHED)
     status = DiagnosticStatus(name="/supervisor", level=DiagnosticStatus.ERROR, message="the robot has fallen")
