@@ -111,9 +111,14 @@ class Template:
         return [np.frombuffer(data, "<f8", size, offset).copy() for offset, size in self._slots]
 
 
-def stamp_of(data: bytes) -> int:
-    """Value of ``header.stamp`` in serialised bytes [ns]; ``MessageError`` when they are too short."""
+def stamp_of(data: bytes, *, logged: bool = False) -> int:
+    """Value of ``header.stamp`` in serialised bytes [ns].
+
+    ``MessageError`` when they are too short or, unless ``logged``, when seconds are negative or nanoseconds a second.
+    """
     if len(data) < STAMP_OFFSET + STAMP_SIZE:
         raise MessageError(f"header.stamp: message of {len(data)} bytes is too short")
     sec, nanosec = struct.unpack_from("<iI", data, STAMP_OFFSET)
+    if not logged and (sec < 0 or nanosec >= NANOSECONDS):
+        raise MessageError(f"header.stamp: {sec} s and {nanosec} ns, expected at least 0 s and less than 1e9 ns")
     return int(sec) * NANOSECONDS + int(nanosec)

@@ -96,17 +96,19 @@ class Codec(Generic[S]):
 
         Raises ``MessageError`` for NaN, infinity, bad sizes, a bad stamp, or a difference in a fixed field.
         """
-        sample = self.read(data)
-        for field, numbers in zip(self._fields, sample[1:], strict=True):
+        values = self._unpack(data)
+        for field, numbers in zip(self._fields, values, strict=True):
             require_finite(field, numbers, self._names)
-        return sample
+        return (stamp_of(data), *values)  # type: ignore[return-value]
 
     def read(self, data: bytes) -> S:
-        """Like ``decode``, but accepts NaN and infinity: for logs."""
+        """Like ``decode``, but accepts NaN, infinity and any stamp: for logs."""
+        values = self._unpack(data)
+        return (stamp_of(data, logged=True), *values)  # type: ignore[return-value]
+
+    def _unpack(self, data: bytes) -> list[Vector]:
         values = self._template.unpack(data)
-        if values is None:
-            values = self._values(decode(data, self._kind))
-        return (stamp_of(data), *values)  # type: ignore[return-value]
+        return self._values(decode(data, self._kind)) if values is None else values
 
     def _values(self, message: Any) -> list[Vector]:
         for path, expected in self._fixed.items():
@@ -195,7 +197,7 @@ class JointCommandCodec:
         """Stamp [ns] and a setpoint due at once, or a trajectory to interpolate.
 
         Raises ``JointNameError`` when a setpoint has a missing, unknown or duplicate joint, ``MessageError`` for bad
-        size, NaN or infinity in it. Trajectories are checked by ``validate_trajectory``.
+        size, NaN or infinity in it, or a bad stamp. Trajectories are checked by ``validate_trajectory``.
         """
         values = self._template.unpack(data)
         if values is None:

@@ -12,6 +12,7 @@ from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
 
 from models.constants import FOOT_NAMES
 from models.errors import MessageError
+from models.nodes.cdr import stamp_of
 from models.nodes.messages import Codec, require_finite
 from models.nodes.topics import BASE_FRAME, ODOM_FRAME
 from models.types import ContactState, Matrix, RobotState, Vector, Velocity
@@ -41,13 +42,13 @@ class OdometryCodec:
 
     def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
         """Stamp [ns], pose (7,) and twist in the base frame (6,); ``MessageError`` if they are unusable."""
-        stamp, pose, _, twist, _ = self._codec.read(data)
+        _, pose, _, twist, _ = self._codec.read(data)
         require_finite("pose", pose)
         require_finite("twist", twist)
         norm = float(np.linalg.norm(pose[3:]))
         if abs(norm - 1.0) > QUATERNION_TOLERANCE:
             raise MessageError(f"pose.orientation: quaternion of norm {norm:.4f}")
-        return stamp, pose, twist
+        return stamp_of(data), pose, twist
 
 
 def contacts_to_bytes(contacts: tuple[ContactState, ContactState]) -> bytes:

@@ -1,6 +1,7 @@
 """Codecs of what is measured and estimated, against the real serialiser: each malformation is named."""
 
 import math
+import struct
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,11 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import UInt8MultiArray
 
 from models.errors import JointNameError, MessageError
-from models.nodes.cdr import Template
-from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec, doubles, stamp_ns
+from models.nodes.cdr import STAMP_OFFSET, Template
+from models.nodes.messages import ImuCodec, JointCommandCodec, JointStateCodec, WrenchCodec, doubles, stamp_ns
 from models.nodes.odometry import OdometryCodec, contacts_from_message, contacts_to_bytes
 from models.robot_model import RobotModel
+from models.types import JointCommand
 from tests.ros.conftest import STAMP
 from tests.support import standing
 
@@ -105,6 +107,24 @@ def test_truncated_bytes_are_refused(g1: RobotModel, values: np.ndarray, size: i
     data = JointStateCodec(g1).encode(STAMP, *values)[:size]
     with pytest.raises(MessageError):
         JointStateCodec(g1).decode(data)
+
+
+@pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (5, 1_000_000_000)])
+def test_stamps_that_are_no_time_are_refused_but_read_from_logs(
+    g1: RobotModel, values: np.ndarray, sec: int, nanosec: int
+) -> None:
+    joints, commands = JointStateCodec(g1), JointCommandCodec(g1)
+    for codec, data in (
+        (joints, joints.encode(STAMP, *values)),
+        (commands, commands.encode(STAMP, JointCommand(*values))),
+        (OdometryCodec(), OdometryCodec().encode(STAMP, standing(g1))),
+    ):
+        bad = bytearray(data)
+        struct.pack_into("<iI", bad, STAMP_OFFSET, sec, nanosec)
+        with pytest.raises(MessageError, match=f"header.stamp: {sec} s and {nanosec} ns"):
+            codec.decode(bytes(bad))
+        if codec is joints:
+            assert joints.read(bytes(bad))[0] == sec * 1_000_000_000 + nanosec
 
 
 def test_imu_and_wrench_round_trip_and_refusals() -> None:
