@@ -5,7 +5,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
@@ -27,6 +27,15 @@ QUIET = 5.0  #: Time without a cause of refusals after which it is reported as a
 CAUSES_MAX = 100  #: Causes remembered: those of the newest refusals
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 ALARM_PERIOD = 0.05  #: Shortest time between two alarms on ``/diagnostics`` [s]
+
+
+class _Cause(NamedTuple):
+    """Refusals of a source for one cause."""
+
+    times: int
+    due: int  #: Times from which on the next report is due
+    last: float  #: Time of the newest one, monotonic [s]
+    error: str  #: Its reason
 
 
 def cause_of(reason: str) -> str:
@@ -79,7 +88,7 @@ class PoiseNode(LifecycleNode):
         self.values: dict[str, str] = {}
         self._counted: Counter[str] = Counter()  # ``counters`` at the last diagnostics
         self._last_report: dict[str, float] = {}
-        self._causes: dict[tuple[str, str], tuple[int, int, float]] = {}  # refusals, next report at, last time [s]
+        self._causes: dict[tuple[str, str], _Cause] = {}  # by source and cause
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._qos = QosWatch(self)
         watched = self._qos.publisher("/diagnostics", EVENT)
@@ -188,27 +197,34 @@ class PoiseNode(LifecycleNode):
     def refuse(self, source: str, error: Exception | str) -> None:
         """Count a refused input of a topic or service, and report its cause once, then its 10th, 100th, ... repetition.
 
-        Reports go to the log, that is to the terminal and ``/rosout``, and to the latched topic ``refusals``.
+        Reports go to the log, that is to the terminal and ``/rosout``, and to the latched topic ``refusals``. One that
+        is due within ``LOG_PERIOD`` of another report of the source follows with the next diagnostics after it.
         """
         self.counters[f"refused {source}"] += 1
         self.values["last refusal"] = f"{source}: {error}"
-        now, cause = time.monotonic(), (source, cause_of(str(error)))
-        count, due, last = self._causes.pop(cause, (0, 1, now))
+        now, key = time.monotonic(), (source, cause_of(str(error)))
+        count, due, last, _ = self._causes.pop(key, _Cause(0, 1, now, ""))
         count, due = (1, 1) if now - last > QUIET else (count + 1, due)
-        if count >= due and now - self._last_report.get(source, -LOG_PERIOD) >= LOG_PERIOD:
-            self._last_report[source] = now
-            due = 10 * count
-            named = f"{source}: {error}" if " refused" in str(error) else f"{source} refused: {error}"
-            text = named + (f" ({count} times)" if count > 1 else "")
-            self.get_logger().warning(text)
-            status = DiagnosticStatus(level=DiagnosticStatus.WARN, name=self.get_fully_qualified_name(), message=text)
-            status.hardware_id = self.robot
-            items = {"source": source, "reason": str(error), "count": str(count)}
-            status.values = [KeyValue(key=key, value=value) for key, value in items.items()]
-            self._refusals.publish(status)
-        self._causes[cause] = count, due, now
+        self._causes[key] = _Cause(count, due, now, str(error))
+        self._report_refusals(key)
         if len(self._causes) > CAUSES_MAX:
             del self._causes[next(iter(self._causes))]
+
+    def _report_refusals(self, key: tuple[str, str]) -> None:
+        """Report a cause if that is due and the source has had no report for ``LOG_PERIOD``."""
+        (source, _), (count, due, last, error), now = key, self._causes[key], time.monotonic()
+        if count < due or now - self._last_report.get(source, -LOG_PERIOD) < LOG_PERIOD:
+            return
+        self._last_report[source] = now
+        self._causes[key] = _Cause(count, 10 * count, last, error)
+        named = f"{source}: {error}" if " refused" in error else f"{source} refused: {error}"
+        text = named + (f" ({count} times)" if count > 1 else "")
+        self.get_logger().warning(text)
+        status = DiagnosticStatus(level=DiagnosticStatus.WARN, name=self.get_fully_qualified_name(), message=text)
+        status.hardware_id = self.robot
+        items = {"source": source, "reason": error, "count": str(count)}
+        status.values = [KeyValue(key=name, value=value) for name, value in items.items()]
+        self._refusals.publish(status)
 
     def publish_diagnostics(self) -> None:
         """Publish the state of this node on ``/diagnostics`` (REP-107)."""
@@ -238,9 +254,11 @@ class PoiseNode(LifecycleNode):
             self.publish_diagnostics()
 
     def _on_diagnostics_due(self) -> None:
-        """Check peers, publish diagnostics, then collect garbage: never within a tick."""
+        """Check peers, publish diagnostics and what is due, then collect garbage: never within a tick."""
         self._qos.look()
         self.publish_diagnostics()
+        for key in tuple(self._causes):
+            self._report_refusals(key)
         if self.active:
             realtime.collect()
 

@@ -48,6 +48,17 @@ def test_a_cause_is_reported_once_then_at_its_tenth_time(bench: Any, monkeypatch
     assert node.counters["refused cmd_vel"] == 27
 
 
+def test_causes_at_the_same_time_are_all_reported(bench: Any) -> None:
+    reported: list[str] = []
+    bench.world.create_subscription(DiagnosticStatus, topics.REFUSALS, lambda m: reported.append(m.message), REFUSALS)
+    node = bench.add(Refuser)
+    joints = ("foo", "bar", "baz")
+    for joint in joints:
+        node.refuse("joint_trajectory", f"unknown joint '{joint}'")
+    bench.wait(lambda: len(reported) == len(joints))
+    assert reported == [f"joint_trajectory refused: unknown joint '{joint}'" for joint in joints]
+
+
 def test_a_reason_that_says_refused_gets_no_second_prefix(bench: Any) -> None:
     reported: list[str] = []
     bench.world.create_subscription(DiagnosticStatus, topics.REFUSALS, lambda m: reported.append(m.message), REFUSALS)
