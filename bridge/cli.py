@@ -123,7 +123,7 @@ def up(
     actions: Annotated[bool, typer.Option(help="Offer actions, in a separate process.")] = True,
     camera: Annotated[bool, typer.Option(help="Render the robot's camera, in a separate process.")] = False,
     terrain_map: Annotated[
-        bool, typer.Option(help="Cast depth camera and lidar, and map the ground, in two separate processes.")
+        bool, typer.Option(help="Cast depth camera and lidar, and map the ground, in three separate processes.")
     ] = False,
     motions: Annotated[Path | None, typer.Option(help="Folder of further motion files.")] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of every node, topic and service, such as robot_1.")] = "",
