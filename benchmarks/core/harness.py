@@ -17,7 +17,15 @@ from rich.table import Table
 
 from benchmarks.core.executors import Case as Case
 from benchmarks.core.executors import Done, Executor, InProcess, ProcessPool
-from benchmarks.core.provenance import configuration, difference, revision, source_state, usable_cores, versions
+from benchmarks.core.provenance import (
+    configuration,
+    difference,
+    machine,
+    revision,
+    source_state,
+    usable_cores,
+    versions,
+)
 from benchmarks.core.results import NOT_RUN, ResultsFile, case_key, line_of, plain, with_nan, with_null
 from models.errors import ConfigError, PoiseError, WorkersError
 
@@ -123,17 +131,20 @@ def collect(
     *,
     bench: str,
     options: Options,
+    alone: bool = False,
     silent: bool = False,
 ) -> list[Case]:
     """Read finished cases from the sweep's file, measure the others, and write each as soon as it is done.
 
-    ``produce``, given the inputs of the remaining cases, yields the index of each with its outcome. ``silent`` leaves
-    out the progress bar, whose thread would disturb timing. Returns inputs and outcome of each case, in the given
+    ``produce``, given the inputs of the remaining cases, yields the index of each with its outcome. ``alone``: they are
+    timed in this process, so that those of another machine do not count, and the progress bar, whose thread would
+    disturb them, is left out, as by ``silent``. Returns inputs and outcome of each case, in the given
     order. Raises ``WorkersError`` for a worker of another revision or with other packages.
     """
     file = options.sweep.results
     config = configuration(options.robot, options.contender) if file else ""
-    keys = [case_key(bench, config, source_state(), case) for case in cases]
+    environment = versions() | ({"machine": machine()} if alone else {})
+    keys = [case_key(bench, config, source_state(), environment, case) for case in cases]
     inputs = {key: dict(case) for key, case in zip(keys, cases, strict=True)}
     known = {key: file.case(key) for key in inputs} if file else {}
     results = {key: case for key, case in known.items() if case is not None}
@@ -141,7 +152,7 @@ def collect(
     remaining = [key for key in inputs if key not in results]
     shown = (progress.MofNCompleteColumn(), progress.TimeElapsedColumn(), progress.TimeRemainingColumn())
     columns = (progress.TextColumn("{task.description}"), progress.BarColumn(), *shown)
-    with progress.Progress(*columns, console=Console(stderr=True), disable=silent) as bar:
+    with progress.Progress(*columns, console=Console(stderr=True), disable=alone or silent) as bar:
         task = bar.add_task(f"{bench} {options.robot}", total=len(inputs), completed=len(results))
         for index, done in produce([inputs[key] for key in remaining]):
             key = remaining[index]
@@ -182,7 +193,7 @@ def run_cases(
         with make_executor(options.workers) as executor:
             yield from executor.run(measure, remaining)
 
-    return collect(produce, cases, bench=bench, options=options, silent=alone or silent)
+    return collect(produce, cases, bench=bench, options=options, alone=alone, silent=silent)
 
 
 def write_json(report: Report, path: Path) -> None:

@@ -19,7 +19,7 @@ from models.urdf import resolve_uri
 #: Packages whose versions decide a figure
 MEASURED_PACKAGES = (
     *("poise", "pin", "placo", "mujoco", "daqp", "quadprog", "numba", "numpy", "ros-rclpy"),
-    *("qpsolvers", "osqp", "proxsuite", "piqp", "clarabel", "pin-pink", "mink"),
+    *("qpsolvers", "osqp", "proxsuite", "piqp", "clarabel", "pin-pink", "mink", "example-robot-data"),
 )
 ROOT = Path(__file__).resolve().parents[2]  # of the checkout, where there is one
 

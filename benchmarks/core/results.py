@@ -2,7 +2,7 @@
 
 A line is ``{"key", "bench", "robot", "seed", "scenario", "config", "revision", "versions", "machine", "load",
 "seconds", "cpu_seconds", "case"}``: ``case`` holds inputs and outcome; the key is a hash of bench, configuration,
-revision and inputs.
+revision, versions, inputs and, of a timed case, machine.
 """
 
 import fcntl
@@ -77,9 +77,10 @@ Line = dict[str, Any]
 NOT_RUN = "not_run"
 
 
-def case_key(bench: str, config: str, revision: str, inputs: Mapping[str, Any]) -> str:
-    """Hash of bench, ``provenance.configuration``, ``provenance.source_state`` and inputs, with robot and seed."""
-    return digest(json.dumps([bench, config, revision, encode_nonfinite(plain(dict(inputs)))], sort_keys=True).encode())
+def case_key(bench: str, config: str, revision: str, environment: Mapping[str, str], inputs: Mapping[str, Any]) -> str:
+    """Hash of bench, ``provenance.configuration``, ``source_state``, packages and machine, and inputs with the seed."""
+    parts = [bench, config, revision, dict(environment), encode_nonfinite(plain(dict(inputs)))]
+    return digest(json.dumps(parts, sort_keys=True).encode())
 
 
 def scenario_of(inputs: Mapping[str, Any]) -> str:

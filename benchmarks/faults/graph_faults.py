@@ -173,5 +173,5 @@ class GraphFaults(FaultBenchmark):
                         yield places[seed, case["row"]], clock.done(case)
                         clock = Clock()
 
-            results = collect(produce, inputs, bench=self.name, options=options, silent=True)
+            results = collect(produce, inputs, bench=self.name, options=options, alone=True)
         return self.report(options, results, self.figures(results), load)

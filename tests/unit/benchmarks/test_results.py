@@ -87,11 +87,27 @@ def test_another_bench_robot_configuration_or_revision_is_another_case(
     assert len(read_lines(path)) == 5
 
 
+@pytest.mark.parametrize(("name", "changed"), [("versions", {"mujoco": "9"}), ("machine", "other")])
+def test_other_packages_and_for_timed_cases_another_machine_are_another_case(
+    name: str, changed: Any, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def added(alone: bool) -> int:
+        with ResultsFile(path) as file:
+            options = Options(sweep=Sweep(InProcess(), file))
+            run_cases(square, [{"seed": 1}], bench="squares", options=options, alone=alone)
+            return file.added
+
+    assert [added(alone=False), added(alone=True), added(alone=False), added(alone=True)] == [1, 1, 0, 0]
+    for module in ("harness", "executors"):
+        monkeypatch.setattr(f"benchmarks.core.{module}.{name}", lambda: changed)
+    assert [added(alone=False), added(alone=True)] == [int(name == "versions"), 1]
+
+
 def test_the_key_is_of_the_inputs_and_not_of_their_order() -> None:
-    one = case_key("push", "c", "r", {"seed": 0, "angle": 0.5})
-    assert one == case_key("push", "c", "r", {"angle": np.float64(0.5), "seed": np.int64(0)})
+    one = case_key("push", "c", "r", {}, {"seed": 0, "angle": 0.5})
+    assert one == case_key("push", "c", "r", {}, {"angle": np.float64(0.5), "seed": np.int64(0)})
     others = [("walk", "c", "r", 0), ("push", "d", "r", 0), ("push", "c", "s", 0), ("push", "c", "r", 1)]
-    assert len({one, *(case_key(b, c, r, {"seed": s, "angle": 0.5}) for b, c, r, s in others)}) == 5
+    assert len({one, *(case_key(b, c, r, {}, {"seed": s, "angle": 0.5}) for b, c, r, s in others)}) == 5
 
 
 def test_the_configuration_changes_with_the_profile(tmp_path: Path) -> None:
