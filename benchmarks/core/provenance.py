@@ -73,12 +73,16 @@ def revision() -> str:
 
 @cache
 def source_state() -> str:
-    """Git revision and hash of local changes, as of the first call; the version outside of a checkout."""
+    """Git revision and hash of local changes and new files, as of the first call; the version outside of a checkout."""
     try:
         head, changes = _head(), _git("diff", "HEAD", "--", *SOURCES)
+        new = _git("ls-files", "--others", "--exclude-standard", "-z", "--", *SOURCES).split("\0")
+        parts = [
+            part for name in new if (ROOT / name).is_file() for part in (name.encode(), (ROOT / name).read_bytes())
+        ]
     except (OSError, subprocess.SubprocessError):
         return f"version {versions().get('poise', 'unknown')}"
-    return head + (f"+{digest(changes.encode())}" if changes else "")
+    return head + (f"+{digest(changes.encode(), *parts)}" if changes or parts else "")
 
 
 def digest(*parts: bytes) -> str:

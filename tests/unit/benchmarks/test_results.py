@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.core import provenance
 from benchmarks.core.executors import Done, InProcess
 from benchmarks.core.harness import Case, Options, Sweep, collect, run_cases
 from benchmarks.core.provenance import configuration, source_state
@@ -101,6 +103,32 @@ def test_other_packages_and_for_timed_cases_another_machine_are_another_case(
     for module in ("harness", "executors"):
         monkeypatch.setattr(f"benchmarks.core.{module}.{name}", lambda: changed)
     assert [added(alone=False), added(alone=True)] == [int(name == "versions"), 1]
+
+
+def test_changes_of_the_source_and_new_files_of_it_are_another_source(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(provenance, "ROOT", tmp_path.resolve())
+    old, new = tmp_path / "benchmarks/old.py", tmp_path / "benchmarks/new.py"
+    old.parent.mkdir()
+    (tmp_path / ".gitignore").write_text("*.pyc\n")
+    states = []
+    for file, text in (
+        (old, "1"),
+        (old, "2"),
+        (new, "1"),
+        (new, "2"),
+        (tmp_path / "notes", "1"),
+        (old.parent / "a.pyc", "1"),
+    ):
+        file.write_text(text)
+        if not states:
+            for command in (["init", "-q"], ["add", "."], [*"-c user.name=a -c user.email=a commit -qm a".split()]):
+                subprocess.run(["git", "-C", str(tmp_path), *command], check=True)
+        states.append(provenance.source_state.__wrapped__())
+    head, *_ = states
+    assert "+" not in head and all(state.startswith(f"{head}+") for state in states[1:])
+    assert len(set(states)) == 4 and len(set(states[3:])) == 1
 
 
 def test_the_key_is_of_the_inputs_and_not_of_their_order() -> None:
