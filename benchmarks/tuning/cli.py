@@ -33,7 +33,7 @@ def tune(
     """
     from benchmarks.core.harness import Options
     from benchmarks.tuning.config import load_tune_config
-    from benchmarks.tuning.report import draw_search, table, verdict, write_overlay
+    from benchmarks.tuning.report import check_output, draw_search, table, verdict, write_overlay
     from benchmarks.tuning.tune import Generation
     from benchmarks.tuning.tune import tune as run
 
@@ -54,6 +54,7 @@ def tune(
 
     with report_errors(console):
         config = load_tune_config(search)
+        check_output(file, robot)
         count = config.generations * config.population * config.total(config.scenarios)
         count += 2 * config.judged * config.total(config.kinds)
         with (

@@ -19,6 +19,8 @@ from benchmarks.tuning.race import robust_loss
 from benchmarks.tuning.scenarios import sector_name
 from benchmarks.tuning.tune import Tuned
 from bridge.analysis.plots import new_figure
+from models.config import read_yaml
+from models.errors import ConfigError
 from models.profile import load_profile, robot_names
 
 
@@ -91,6 +93,16 @@ def table(config: TuneConfig, tuned: Tuned) -> list[tuple[str, str, str]]:
     rows += [(row.name, f"{row.before}/{row.total}", f"{row.after}/{row.total}") for row in compare(config, tuned)]
     old, new = judged_loss(config, tuned.before), judged_loss(config, tuned.after)
     return [*rows, ("loss", f"{old:.3f}", f"{new:.3f}")]
+
+
+def check_output(path: Path, robot: str) -> None:
+    """``ConfigError`` where a profile written to the path would extend itself through the robot's."""
+    files = [Path(load_profile(robot).source)]
+    while (extended := read_yaml(files[-1]).get("extends")) is not None:
+        below = extended if extended in robot_names() else files[-1].parent / Path(extended).expanduser()
+        files.append(Path(load_profile(below).source))
+    if path.resolve() in [file.resolve() for file in files]:
+        raise ConfigError(f"{path}: the profile of {robot} is, or extends, this file; name another one with --out")
 
 
 def write_overlay(path: Path, robot: str, config: TuneConfig, tuned: Tuned) -> None:

@@ -237,6 +237,17 @@ def test_the_profile_written_has_the_parameters_found(trials: list[Parameters], 
     assert RobotModel.load(tmp_path / "again.yaml").name == "g1"
 
 
+@pytest.mark.parametrize("out", ["mine.yaml", "base.yaml", "link.yaml"])
+def test_a_profile_is_not_tuned_into_what_it_extends(trials: list[Parameters], out: str, tmp_path: Path) -> None:
+    (tmp_path / "base.yaml").write_text("extends: g1")
+    (tmp_path / "mine.yaml").write_text("extends: base.yaml")
+    (tmp_path / "link.yaml").symlink_to("mine.yaml")
+    given = ["--robot", str(tmp_path / "mine.yaml"), "--out", str(tmp_path / out)]
+    result = CliRunner().invoke(app, [str(search_file(tmp_path)), *given])
+    assert result.exit_code == 2 and "--out" in result.output and not trials
+    assert (tmp_path / "mine.yaml").read_text() == "extends: base.yaml"
+
+
 def test_a_search_that_makes_it_worse_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """What the search rewards, and what judges, contradict each other."""
 
