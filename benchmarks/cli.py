@@ -85,6 +85,7 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
         contender: str = typer.Option("", help=CONTENDER_HELP, hidden=not first.contender),
     ) -> None:
         from benchmarks.core.harness import Options, print_report, write_json
+        from benchmarks.core.results import check_file, check_folder, writing
 
         if mode not in known:
             raise typer.BadParameter(f"'{mode}' is not one of: {', '.join(known)}", param_hint="--mode")
@@ -99,6 +100,10 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
                 raise ConfigError(f"bench {name} has no pushes of a size")
             if directions and choice != "direction":
                 raise ConfigError(f"bench {name} has no directions to choose from")
+            if json is not None:
+                check_file(json)
+            if plot is not None:
+                check_folder(plot)
             benchmark = listed.load()
             with open_sweep(workers, scheduler, results) as sweep:
                 chose = tuple(chosen)
@@ -111,11 +116,13 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
             report.notes.insert(0, f"contender: {contender}")
         print_report(report, console)
         if json is not None:
-            write_json(report, json)
+            with report_errors(console), writing(json):
+                write_json(report, json)
             console.print(f"report: {json}", soft_wrap=True)
         if plot is not None:
-            plot.mkdir(parents=True, exist_ok=True)
-            for file in benchmark.plots(report, plot):
+            with report_errors(console), writing(plot):
+                files = benchmark.plots(report, plot)
+            for file in files:
                 console.print(f"plot: {file}", soft_wrap=True)
         raise typer.Exit(0 if report.passed else 1)
 
@@ -127,13 +134,14 @@ def draw(
 ) -> None:
     """Draw the plots of a report again, without measuring anything."""
     from benchmarks.core.harness import read_json
+    from benchmarks.core.results import check_folder
 
     console = Console()
     with report_errors(console):
         found = read_json(report)
         if found.bench not in catalogue():
             raise ConfigError(f"{report}: unknown benchmark '{found.bench}'; known: {', '.join(catalogue())}")
-    folder.mkdir(parents=True, exist_ok=True)
+        check_folder(folder)
     for file in catalogue()[found.bench].load().plots(found, folder):
         console.print(f"plot: {file}", soft_wrap=True)
 
@@ -152,6 +160,7 @@ def run_all(
     scheduler: Scheduler = "",
 ) -> None:
     """All benchmarks: cases in JSON lines, a Markdown and an HTML report with plots; it goes on where it ended."""
+    from benchmarks.core.results import writing
     from benchmarks.report.report_page import write_report
     from benchmarks.report.suite import CASES, parts_of, run_suite
 
@@ -161,7 +170,8 @@ def run_all(
             passed = run_suite(parts_of(name), catalogue(), out, sweep, console, name)
             if sweep.results is not None:
                 console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured")
-        files = write_report(out)
+        with writing(out):
+            files = write_report(out)
     console.print(f"report: {files[0]}, {files[1]}", soft_wrap=True)
     raise typer.Exit(0 if passed else 1)
 
@@ -174,11 +184,12 @@ def report(
     ] = None,
 ) -> None:
     """Build the report of all benchmarks again from their JSON lines, without measuring anything."""
+    from benchmarks.core.results import writing
     from benchmarks.report.report_page import publish_report, write_report
     from benchmarks.report.suite import read_progress
 
     console = Console()
-    with report_errors(console):
+    with report_errors(console), writing(docs or folder):
         files = write_report(folder) if docs is None else publish_report(folder, docs)
         progress = read_progress(folder)
     for file in files:

@@ -8,9 +8,10 @@ revision, versions, inputs and, of a timed case, machine.
 import fcntl
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -119,6 +120,30 @@ def _parsed(text: bytes, where: str) -> Line:
     return found
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """``ConfigError`` where a file or folder cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def check_folder(path: Path) -> None:
+    """Make a folder; ``ConfigError`` where no file can be written into it."""
+    with writing(path):
+        path.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=path).close()
+
+
+def check_file(path: Path) -> None:
+    """Make the folder of a file; ``ConfigError`` where the file cannot be written."""
+    check_folder(path.parent)
+    with writing(path):
+        if path.exists():
+            path.open("ab").close()
+
+
 def append_line(path: Path, line: Line) -> None:
     """Add one line to a file of JSON lines, in place of an incomplete last line."""
     with path.open("a+b") as file:
@@ -137,11 +162,15 @@ def line_text(line: Line) -> str:
 
 
 class ResultsFile(AbstractContextManager["ResultsFile"]):
-    """Finished cases by key; locks the file while open, else ``ConfigError``, and removes an incomplete last line."""
+    """Finished cases by key; locks the file while open, and removes an incomplete last line.
+
+    ``ConfigError`` where it cannot be written, is damaged, or another sweep has it.
+    """
 
     def __init__(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = path.open("a+b")
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("a+b")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

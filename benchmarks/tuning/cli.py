@@ -32,6 +32,7 @@ def tune(
     Exits 0 only when nothing got worse on scenarios that the search has not seen.
     """
     from benchmarks.core.harness import Options
+    from benchmarks.core.results import check_file, check_folder, writing
     from benchmarks.tuning.config import load_tune_config
     from benchmarks.tuning.report import check_output, draw_search, table, verdict, write_overlay
     from benchmarks.tuning.tune import Generation
@@ -55,6 +56,9 @@ def tune(
     with report_errors(console):
         config = load_tune_config(search)
         check_output(file, robot)
+        check_file(file)
+        if plot is not None:
+            check_folder(plot)
         count = config.generations * config.population * config.total(config.scenarios)
         count += 2 * config.judged * config.total(config.kinds)
         with (
@@ -65,7 +69,8 @@ def tune(
             options = Options(robot, workers=workers, sweep=sweep)
             tuned = run(config, options, ended, lambda number: bar.advance(task, number))
         passed, words = verdict(config, tuned)
-        write_overlay(file, robot, config, tuned)
+        with writing(file):
+            write_overlay(file, robot, config, tuned)
     shown_table = Table("", "before", "after", title="on scenarios that the search has not seen", title_justify="left")
     for row in table(config, tuned):
         shown_table.add_row(*row)

@@ -78,6 +78,19 @@ def test_a_bench_ends_with_its_verdict(
     assert (tmp_path / "p/push.png").is_file()
 
 
+@pytest.mark.parametrize("option", ["--json", "--plot", "--results"])
+def test_an_output_that_cannot_be_written_is_named_before_anything_is_measured(
+    option: str, tmp_path: Path, asked: list[tuple[str, Options]]
+) -> None:
+    file = tmp_path / "file"
+    file.write_text("kept")
+    for taken in (file / "new", *([file] if option == "--plot" else [tmp_path])):
+        result = RUNNER.invoke(app, ["bench", "push", option, str(taken)], env={"COLUMNS": "500"})
+        assert result.exit_code == 2 and f"{taken.parent}" in result.output.replace("\n", "") and not asked
+        assert "cannot be written" in result.output
+    assert file.read_text() == "kept" and [*tmp_path.iterdir()] == [file]
+
+
 @pytest.mark.parametrize(
     ("mode", "name"),
     [("stand", "push"), ("catch", "push_catch"), ("step", "push_step"), ("walk", "push_walk")],

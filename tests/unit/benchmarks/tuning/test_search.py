@@ -237,6 +237,17 @@ def test_the_profile_written_has_the_parameters_found(trials: list[Parameters], 
     assert RobotModel.load(tmp_path / "again.yaml").name == "g1"
 
 
+@pytest.mark.parametrize("option", ["--out", "--plot", "--results"])
+def test_an_output_that_cannot_be_written_is_named_before_the_search(
+    trials: list[Parameters], option: str, tmp_path: Path
+) -> None:
+    search, file = search_file(tmp_path), tmp_path / "file"
+    file.touch()
+    given = ["--out", str(tmp_path / "mine.yaml"), option, str(file / "new")]
+    result = CliRunner().invoke(app, [str(search), *given])
+    assert result.exit_code == 2 and "cannot be written" in " ".join(result.output.split()) and not trials
+
+
 @pytest.mark.parametrize("out", ["mine.yaml", "base.yaml", "link.yaml"])
 def test_a_profile_is_not_tuned_into_what_it_extends(trials: list[Parameters], out: str, tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text("extends: g1")
