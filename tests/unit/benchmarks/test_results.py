@@ -123,7 +123,11 @@ def test_changes_of_the_source_and_new_files_of_it_are_another_source(
     ):
         file.write_text(text)
         if not states:
-            for command in (["init", "-q"], ["add", "."], [*"-c user.name=a -c user.email=a commit -qm a".split()]):
+            for command in (
+                ["init", "-q"],
+                ["add", "."],
+                ["-c", "user.name=a", "-c", "user.email=a", "commit", "-qm", "a"],
+            ):
                 subprocess.run(["git", "-C", str(tmp_path), *command], check=True)
         states.append(provenance.source_state.__wrapped__())
     head, *_ = states
