@@ -158,7 +158,7 @@ class Benchmark(ABC):
         axes.axvline(1.0, color="k", linewidth=0.8, linestyle="--")
         axes.set_xlabel("figure over its bound [-]; red where the bound does not hold")
         axes.set_title(f"{report.bench}, {report.who}, seeds: {report.seeds}", fontsize=10)
-        return [saved(figure, folder / f"{report.bench}-{report.robot}.png")]
+        return [saved(figure, folder / f"{report.bench}-{report.stem}.png")]
 
     def survived(self, case: Case) -> tuple[str, bool] | None:
         """Group of the case in the report's table of survival, and whether it survived; optional."""

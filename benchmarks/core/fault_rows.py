@@ -67,4 +67,4 @@ class FaultBenchmark(Benchmark):
         axes.set_yticks(at, [case["row"] for case in timed], fontsize=7)
         axes.set_xlabel("from the fault to the expected mode [s]")
         axes.legend(fontsize=8)
-        return [saved(figure, folder / f"{report.bench}-{report.robot}.png")]
+        return [saved(figure, folder / f"{report.bench}-{report.stem}.png")]

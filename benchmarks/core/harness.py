@@ -94,6 +94,11 @@ class Report:
         """Subject of the figures, for titles: the robot, and the contender if one was tested."""
         return f"{self.robot}, contender {self.contender}" if self.contender else self.robot
 
+    @property
+    def stem(self) -> str:
+        """Name of the robot in names of files: that of its profile without folder and suffix."""
+        return Path(self.robot).stem
+
     def to_dict(self) -> dict[str, Any]:
         """The one JSON object that every benchmark writes."""
         kept = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.name != "notes"}

@@ -300,7 +300,7 @@ class Latency(Benchmark):
         )
         axes.grid(visible=True, which="both", alpha=0.3)
         axes.legend(fontsize=8)
-        files = [saved(figure, folder / "latency.png")]
+        files = [saved(figure, folder / f"latency-{report.stem}.png")]
         staged = [name for name in names if not math.isnan(_stage(report, name, STAGES[0], "p50"))]
         if not staged:
             return files
@@ -315,7 +315,7 @@ class Latency(Benchmark):
             axes.set_xlabel(f"{part} of each stage, added [us]")
             axes.invert_yaxis()
         pair[1].legend(fontsize=7, bbox_to_anchor=(1.0, 1.0), loc="upper left")
-        return [*files, saved(figure, folder / "latency-stages.png")]
+        return [*files, saved(figure, folder / f"latency-stages-{report.stem}.png")]
 
 
 def _stage(report: Report, scenario: str, stage: str, part: str) -> float:

@@ -305,7 +305,7 @@ class QPBenchmark(Benchmark):
         return summarise(cases, list(dict.fromkeys(case["solver"] for case in cases)))
 
     def run(self, options: Options) -> Report:
-        load, file = LoadMeter(), Path(gettempdir()) / f"qps-{options.robot}-{uuid4().hex}.npz"
+        load, file = LoadMeter(), Path(gettempdir()) / f"qps-{Path(options.robot).stem}-{uuid4().hex}.npz"
         measure = partial(_measure, file)
         runs = run_cases(measure, self.cases(options), bench=self.name, options=options, alone=self.alone)
         cases: list[Case] = [case for run in runs for case in run["answers"]]
@@ -330,4 +330,4 @@ class QPBenchmark(Benchmark):
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8)
         axes.set_title(f"{report.robot}: QPs of real ticks", fontsize=10)
-        return [saved(figure, folder / f"qp-{report.robot}.png")]
+        return [saved(figure, folder / f"qp-{report.stem}.png")]

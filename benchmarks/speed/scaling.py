@@ -128,4 +128,4 @@ class Scaling(Benchmark):
         axes.set_xticks(counts)
         axes.set(xlabel="workers", ylabel="speed-up [-]")
         axes.legend(fontsize=8)
-        return [saved(figure, folder / f"scaling-{report.robot}.png")]
+        return [saved(figure, folder / f"scaling-{report.stem}.png")]

@@ -166,7 +166,7 @@ def draw_failures(report: Report, folder: Path) -> list[Path]:
     for name in sorted(first):
         case = first[name]
         title = f"{report.bench}, {report.who}, {name}, seed {case['seed']}: {case['reason'] or 'did not fall'}"
-        files.append(draw_fall(case["moments"], title, folder / f"{report.bench}-{report.robot}-{name}.png"))
+        files.append(draw_fall(case["moments"], title, folder / f"{report.bench}-{report.stem}-{name}.png"))
     return files
 
 

@@ -290,4 +290,4 @@ class Push(Benchmark):
             f"{case['ratio']:20.2f}"
             for case in report.cases
         ]
-        return [draw_map(report, push_map(report), remarks, folder / f"push-{report.robot}.png")]
+        return [draw_map(report, push_map(report), remarks, folder / f"push-{report.stem}.png")]

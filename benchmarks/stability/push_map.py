@@ -343,7 +343,7 @@ class PushWithSteps(Benchmark):
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
         case = min(report.cases, key=lambda case: (case["dv"], case["angle"]))  # the smallest push not taken
-        name = f"{self.mode.value}-{report.robot}"
+        name = f"{self.mode.value}-{report.stem}"
         files = [draw_map(report, push_map(report), case_lines(report.cases), folder / f"push-map-{name}.png")]
         if case["moments"]:
             title = (

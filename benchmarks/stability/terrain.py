@@ -167,4 +167,4 @@ class Terrain(Benchmark):
         axes.set_ylim(bottom=0.0)
         axes.set_title(f"terrain, {report.who}, seeds: {report.seeds}", fontsize=10)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
-        return [saved(figure, folder / f"terrain-{report.robot}.png"), *draw_failures(report, folder)]
+        return [saved(figure, folder / f"terrain-{report.stem}.png"), *draw_failures(report, folder)]

@@ -148,7 +148,7 @@ class TerrainLadder(Benchmark):
         return lines
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        picture = saved(draw_ladders([report]), folder / f"{self.name}-{report.robot}.png")
+        picture = saved(draw_ladders([report]), folder / f"{self.name}-{report.stem}.png")
         return [picture, *draw_failures(report, folder)]
 
 

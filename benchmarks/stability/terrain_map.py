@@ -180,4 +180,4 @@ class TerrainMap(Benchmark):
         axes.axhline(self.bounds(report)["rmse_worst_mm"].most, color="C3", linewidth=0.8, label="required")
         axes.set(ylabel="RMSE [mm]", ylim=(0.0, None), title=f"map ahead of a walk, {report.who}")
         axes.legend(fontsize=8, frameon=False)
-        return [saved(figure, folder / f"terrain_map-{report.robot}.png")]
+        return [saved(figure, folder / f"terrain_map-{report.stem}.png")]

@@ -131,7 +131,7 @@ class Walk(Benchmark):
                 one.set_ylim(0.0, 1.25 * one.dataLim.y1 or 1.0)  # room for the legend above the data
                 one.legend(loc="upper right", fontsize=8, ncols=3)
             figure.suptitle(f"walk, {report.who}, seeds: {report.seeds}", fontsize=10)
-            files.append(saved(figure, folder / f"walk-{report.robot}.png"))
+            files.append(saved(figure, folder / f"walk-{report.stem}.png"))
         return files + draw_failures(report, folder)
 
     def survived(self, case: Case) -> tuple[str, bool] | None:

@@ -149,6 +149,6 @@ def test_a_rerun_makes_the_same_figures_and_plots_of_the_lines(tmp_path: Path, m
     write_json(again, tmp_path / "latency.json")
     for report in (again, read_json(tmp_path / "latency.json")):
         assert [file.name for file in BENCH.plots(report, tmp_path)] == [
-            "latency.png",
-            "latency-stages.png",
+            "latency-g1.png",
+            "latency-stages-g1.png",
         ]

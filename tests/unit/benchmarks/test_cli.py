@@ -152,8 +152,9 @@ def test_every_module_defines_one_benchmark_that_measures_and_draws(name: str, t
     bench = catalogue()[name].load()
     assert callable(bench.run)
     if type(bench).plots is Benchmark.plots and name in PUBLISHED:  # drawn from the figures alone
-        report = Report(name, "g1", 1, PUBLISHED[name], [], True, LoadMeter().read())
-        assert [path.is_file() for path in bench.plots(report, tmp_path)] == [True]
+        report = Report(name, "folder/g1.yaml", 1, PUBLISHED[name], [], True, LoadMeter().read())
+        (file,) = bench.plots(report, tmp_path)
+        assert file.is_file() and file.name == f"{name}-g1.png"
 
 
 @pytest.mark.parametrize("name", ["push", "walk", "terrain"])

@@ -142,19 +142,19 @@ def draw(report: Report, folder: Path) -> list[str]:
 
 def test_a_push_map_and_its_limiting_failure_are_drawn_from_json(moments: Case, tmp_path: Path) -> None:
     cases = [case(k, moments if k == 0 else {}) for k in range(8)]
-    files = draw(Report("push_walk", "g1", 1, {}, cases, False, LOAD), tmp_path)
+    files = draw(Report("push_walk", "folder/g1.yaml", 1, {}, cases, False, LOAD), tmp_path)
     assert files == ["push-failure-walk-g1.png", "push-map-walk-g1.png"]
 
 
 def test_a_map_of_pushes_that_were_all_taken_has_no_failure(tmp_path: Path) -> None:
     taken: dict[str, Any] = {"reason": "", "failed_dv": math.nan, "moments": {}}
-    report = Report("push_step", "g1", 1, {}, [{**case(k, {}), **taken} for k in range(8)], True, LOAD)
+    report = Report("push_step", "folder/g1.yaml", 1, {}, [{**case(k, {}), **taken} for k in range(8)], True, LOAD)
     assert draw(report, tmp_path) == ["push-map-step-g1.png"]
     assert push_map.case_lines(report.cases)[1].endswith("-")
 
 
 def test_the_map_of_pushes_without_a_step_is_drawn(tmp_path: Path) -> None:
-    report = Report("push", "g1", 1, {}, [case(k, {}) for k in range(8)], True, LOAD)
+    report = Report("push", "folder/g1.yaml", 1, {}, [case(k, {}) for k in range(8)], True, LOAD)
     assert [file.name for file in catalogue()["push"].load().plots(report, tmp_path)] == ["push-g1.png"]
 
 
@@ -164,7 +164,7 @@ def test_the_first_failure_of_each_scenario_on_terrain_is_drawn(moments: Case, t
     cases = [
         {"robot": "g1", "seed": seed, "scenario": name, **outcome} for name in ("tiles", "soft") for seed in (0, 1)
     ]
-    files = draw(Report("terrain", "g1", 2, {}, cases, False, LOAD), tmp_path)
+    files = draw(Report("terrain", "folder/g1.yaml", 2, {}, cases, False, LOAD), tmp_path)
     assert files == ["terrain-g1-soft.png", "terrain-g1-tiles.png", "terrain-g1.png"]
 
 
