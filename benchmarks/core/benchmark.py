@@ -20,7 +20,7 @@ from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, run_cases
 from models.config import STRICT, Count, parse_config, read_yaml
-from models.errors import ConfigError
+from models.errors import ConfigError, PoiseError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -192,8 +192,12 @@ class Listed:
         return self.info.command or self.name
 
     def load(self) -> Benchmark:
-        """Import the module and make its benchmark; ``ConfigError`` unless it defines exactly one."""
-        module = import_module(self.module)
+        """Import the module and make its benchmark; ``PoiseError`` unless it defines one and finds all it imports."""
+        try:
+            module = import_module(self.module)
+        except ModuleNotFoundError as error:
+            advice = "for ROS 2: pip install 'poise[ros]' (x86-64 Linux), or source a ROS 2 Jazzy"
+            raise PoiseError(f"bench {self.command}: {error}; {advice}") from error
         found = [
             each
             for each in vars(module).values()

@@ -1,9 +1,11 @@
 """The last moments of a failed trial: signals as plain numbers (``last_moments``) and their picture (``draw_fall``)."""
 
+from __future__ import annotations
+
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,12 +15,14 @@ from benchmarks.core.harness import Case, Report
 from bridge.analysis.plots import COLOURS, new_figure
 from bridge.analysis.stability import balance
 from bridge.closed_loop import ClosedLoop
-from bridge.hardware_loop import HardwareLoop
 from bridge.loop.log import LoopLog
 from models.constants import GRAVITY
 from models.heading import heading, turned
 from models.robot_model import RobotModel
 from models.types import Matrix, Mode, SolveStatus, Vector
+
+if TYPE_CHECKING:  # it needs ROS 2
+    from bridge.hardware_loop import HardwareLoop
 
 ROWS = 300  # most rows that are kept
 AFTER = 0.1  # kept after the robot was damped [s]

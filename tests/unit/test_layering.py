@@ -180,23 +180,16 @@ def test_a_permitted_import_passes(path: str, source: str) -> None:
     assert not violations(path, source)
 
 
-def test_the_laws_import_without_ros_and_mujoco(root: Path) -> None:
-    """Every module of the laws loads in an interpreter where rclpy, messages and mujoco cannot be imported."""
-    modules = [
-        ".".join(file.relative_to(root).with_suffix("").parts)
-        for package in ("models", "planners", "controllers")
-        for file in sorted((root / package).rglob("*.py"))
-        if "nodes" not in file.parts and file.relative_to(root).as_posix() not in MUJOCO_FILES
-    ]
-    script = textwrap.dedent(
-        f"""
+def without(root: Path, blocked: tuple[str, ...], code: str) -> list[str]:
+    """Words that code prints in an interpreter where these modules and the messages cannot be imported."""
+    script = f"""
         import importlib, sys
 
         class Blocked:
             def find_spec(self, name, path=None, target=None):
                 top = name.split(".")[0]
-                if top in ("rclpy", "mujoco") or top.endswith({ROS_SUFFIXES!r}):
-                    raise ImportError(f"{{name}} is blocked")
+                if top in {blocked!r} or top.endswith({ROS_SUFFIXES!r}):
+                    raise ModuleNotFoundError(f"{{name}} is blocked")
 
         sys.meta_path.insert(0, Blocked())
         try:
@@ -205,13 +198,38 @@ def test_the_laws_import_without_ros_and_mujoco(root: Path) -> None:
             pass
         else:
             raise SystemExit("the block does not work")
+        """
+    words = [sys.executable, "-c", textwrap.dedent(script) + textwrap.dedent(code)]
+    result = subprocess.run(words, cwd=root, capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == 0, result.stderr[-3000:]
+    return result.stdout.split()
+
+
+def test_the_laws_import_without_ros_and_mujoco(root: Path) -> None:
+    modules = [
+        ".".join(file.relative_to(root).with_suffix("").parts)
+        for package in ("models", "planners", "controllers")
+        for file in sorted((root / package).rglob("*.py"))
+        if "nodes" not in file.parts and file.relative_to(root).as_posix() not in MUJOCO_FILES
+    ]
+    code = f"""
         for name in {modules!r}:
             importlib.import_module(name)
         print("loaded", len({modules!r}))
         """
-    )
-    result = subprocess.run(
-        [sys.executable, "-c", script], cwd=root, capture_output=True, text=True, timeout=120, check=False
-    )
-    assert result.returncode == 0, result.stderr[-3000:]
-    assert result.stdout.split() == ["loaded", str(len(modules))]
+    assert without(root, ("rclpy", "mujoco"), code) == ["loaded", str(len(modules))]
+
+
+def test_benchmarks_load_without_ros_or_name_it(root: Path) -> None:
+    code = """
+        from benchmarks.core.benchmark import catalogue
+        from models.errors import PoiseError
+        for name, listed in catalogue().items():
+            try:
+                listed.load()
+            except PoiseError as error:
+                assert "poise[ros]" in str(error) and "is blocked" in str(error), error
+                print(name)
+        """
+    refused = {"latency", "graph_faults", "hardware_faults", "sim2sim", "sim2sim_sdk"}
+    assert set(without(root, ("rclpy", "rosidl_runtime_py", "tf2_ros"), code)) == refused
