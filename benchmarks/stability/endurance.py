@@ -6,7 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-from resource import RUSAGE_SELF, getrusage
 from typing import Literal
 
 import numpy as np
@@ -15,14 +14,13 @@ from pydantic.dataclasses import dataclass as schema
 from benchmarks.core.benchmark import Benchmark, Bound, at_most, settings
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.loops import TorqueSteps
+from benchmarks.core.machine import resident
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Positive, Proportion
 from models.errors import CommandError
 from models.types import Mode, Vector
 
 Kind = Literal["velocity", "word", "push", "nonsense"]  # what may be done to the robot
-
-KIB_PER_MIB = 1024.0
 
 LONG_TEXT = "x" * 1_000_000
 
@@ -105,7 +103,9 @@ class _Hour:
     def __init__(self, robot: str, seed: int) -> None:
         self._loop, self._seed = ClosedLoop(robot, seed=seed, record=False), seed
         self._crowd, self._steps = _Crowd(self._loop, seed), TorqueSteps(self._loop)
-        self._memory: list[tuple[float, float, int]] = []  # time [s], peak of the process [MiB], blocks of Python
+        self._memory: list[
+            tuple[float, float, int]
+        ] = []  # time [s], resident [MiB], blocks of Python
         self._modes: Counter[str] = Counter()
         self._ends: list[str] = []
         self._distance = 0.0
@@ -141,14 +141,13 @@ class _Hour:
         self._steps.forget()
 
     def _look(self, t: float) -> None:
-        peak = getrusage(RUSAGE_SELF).ru_maxrss / KIB_PER_MIB
         self._loop.events.clear()  # not evaluated here
-        self._memory.append((t, peak, sys.getallocatedblocks()))
+        self._memory.append((t, resident("self"), sys.getallocatedblocks()))
 
     def _outcome(self, ticks: int, speed: float) -> Case:
         given, done = _config(), self._crowd.done
         late = [row for row in self._memory if row[0] >= given.warm_up] or self._memory[-1:]
-        growth = late[-1][1] - late[0][1]
+        growth = max(row[1] for row in late) - late[0][1]
         return {
             **{kind: done[kind] for kind in (*given.shares, "refused")},
             "ends": self._ends,
