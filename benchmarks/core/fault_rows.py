@@ -48,7 +48,8 @@ class FaultBenchmark(Benchmark):
         return figures | ({"torque_step_max": max(steps)} if steps else {})
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        return at_least({"survived": report.figures["total"]})
+        """Every row that could be run, and at least one."""
+        return at_least({"survived": max(report.figures["total"], 1.0)})
 
     def notes(self, report: Report) -> list[str]:
         return [_line(case) for case in report.cases]

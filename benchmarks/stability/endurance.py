@@ -103,9 +103,7 @@ class _Hour:
     def __init__(self, robot: str, seed: int) -> None:
         self._loop, self._seed = ClosedLoop(robot, seed=seed, record=False), seed
         self._crowd, self._steps = _Crowd(self._loop, seed), TorqueSteps(self._loop)
-        self._memory: list[
-            tuple[float, float, int]
-        ] = []  # time [s], resident [MiB], blocks of Python
+        self._memory: list[tuple[float, float, int]] = []  # time [s], resident [MiB], blocks of Python
         self._modes: Counter[str] = Counter()
         self._ends: list[str] = []
         self._distance = 0.0

@@ -103,6 +103,7 @@ def test_a_graph_that_does_not_come_up_or_does_not_last_is_a_result(
     monkeypatch.setattr(latency.pingpong, "measure", lambda *arguments: LatencyProbe())
     monkeypatch.setattr(latency, "cost", lambda: 1e-6)
     report = BENCH.run(Options(scenarios=("robots_4",)))
+    assert not report.passed
     assert report.figures["robots_4_stood_fraction"] == 0.0 and "robots_4_p50_us" not in report.figures
     assert f"robots_4: seed 0: {failure}" in report.notes
     assert any(note.endswith("does NOT keep real time: robots_4 at 0.25 of real time") for note in report.notes)
