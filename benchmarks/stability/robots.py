@@ -1,7 +1,7 @@
 """Robots from their files alone: what ``poise check-robot`` finds of every humanoid at hand, and longer runs of them.
 
 The humanoids are the files of the installed packages and the generated ones of ``benchmarks/stability/humanoids.py``.
-Files of other robots are refused, and counted.
+Files of other robots are refused, and counted; of the generated ones none may be.
 """
 
 import math
@@ -23,7 +23,7 @@ from benchmarks.stability.robots_page import TRIALS, rows, write_page
 from bridge.check_robot import Trial, Verdict, check_robot
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Fraction, Positive
-from models.errors import PoiseError
+from models.errors import ConfigError, PoiseError
 from models.profile import robot_names
 from models.robot_model import RobotModel
 from models.types import Mode, Velocity
@@ -202,7 +202,9 @@ class Robots(Benchmark):
         self._long = name == "robots_trials"
 
     def cases(self, options: Options) -> list[Case]:
-        """``ConfigError`` lists the robots."""
+        """``ConfigError`` lists the robots, or refuses another ``robot`` than the default: scenarios choose here."""
+        if options.robot != Options().robot:
+            raise ConfigError(f"bench robots is of no single --robot; choose with --scenario '{options.robot}'")
         found = [*robot_files(), *(GENERATED + kind for kind in KINDS)]
         known = [*robot_names(), *found] if self._long else found
         names = chosen(self.name, options.scenarios, known, _config().usual if self._long else None)
@@ -220,7 +222,9 @@ class Robots(Benchmark):
         tried = [case for case in cases if "trials" in case]
         done = {name: sum(case["trials"].get(name, [False])[0] for case in tried) for name in TRIALS}
         share, slowest = done["walk"] / max(len(tried), 1), max((case["time"] for case in tried), default=0.0)
-        return {"files": len(cases), "robots": len(tried), **done, "walk_share": share, "time_max_s": slowest}
+        kinds = sum("refused" in case for case in cases if case["robot"].startswith(GENERATED))
+        counts = {"files": len(cases), "robots": len(tried), "kinds_refused": kinds}
+        return {**counts, **done, "walk_share": share, "time_max_s": slowest}
 
     def notes(self, report: Report) -> list[str]:
         """The runs that failed, or the table."""

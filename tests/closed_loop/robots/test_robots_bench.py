@@ -32,12 +32,22 @@ def test_every_robot_is_checked_once_a_seed_and_the_long_runs_are_those_of_the_c
     assert {case["trial"] for case in long} == {"stand", "motions", "forward", "sideways", "on the spot"}
     with pytest.raises(ConfigError, match="unknown scenario 'no_robot'"):
         Robots("robots").cases(Options(scenarios=("no_robot",)))
+    with pytest.raises(ConfigError, match="--scenario 'talos'"):
+        Robots("robots").cases(Options("talos"))
 
 
 def test_a_file_without_two_legs_is_refused_with_the_reason() -> None:
     assert check(BOLT, 0)["refused"].startswith("no feet: the leg that ends at joint 'FL_KFE' has 3 joints")
     case = run_trial(BOLT, "stand", 0)
     assert not case["passed"] and "no feet" in case["reason"]
+
+
+@pytest.mark.parametrize(("robot", "passed"), [(BOLT, True), (f"{GENERATED}one arm", False)])
+def test_no_generated_robot_may_be_refused(robot: str, passed: bool) -> None:
+    bench = Robots("robots")
+    walks = {"robot": "a/b/c.urdf", "trials": {"walk": [True, ""]}, "time": 9.0}
+    figures = bench.figures([walks, {"robot": robot, "refused": "no feet"}])
+    assert bench.passed(Report(bench.name, "g1", 1, figures, [], True, {})) is passed
 
 
 def test_the_table_has_a_row_a_robot_and_the_refused_files() -> None:
