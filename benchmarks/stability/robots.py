@@ -24,6 +24,7 @@ from bridge.check_robot import Trial, Verdict, check_robot
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Fraction, Positive
 from models.errors import ConfigError, PoiseError
+from models.heading import turned
 from models.profile import robot_names
 from models.robot_model import RobotModel
 from models.types import Mode, Velocity
@@ -151,7 +152,7 @@ def _walk(loop: ClosedLoop, seed: int, *, share: tuple[float, float, float]) -> 
         min(share[1] * pace.lateral, most.lateral),
         min(share[2] * pace.turn, most.turn),
     )
-    way, yaw, start = velocity, 0.0, loop.truth
+    way, yaw, start, ahead = velocity, 0.0, loop.truth, _yaw(loop)
     if max(velocity) <= STANDSTILL:
         velocity, way = (config.step_speed, 0.0, 0.0), (0.0, 0.0, 0.0)
     start_walk(loop, *velocity)
@@ -161,11 +162,21 @@ def _walk(loop: ClosedLoop, seed: int, *, share: tuple[float, float, float]) -> 
         yaw, heading = yaw + math.remainder(_yaw(loop) - heading, 2.0 * math.pi), _yaw(loop)
     demand(loop, "stop")
     _rest(loop)
-    gone = float(np.linalg.norm(loop.truth.q[:2] - start.q[:2])), abs(yaw)
-    asked = config.walk_time * math.hypot(way[0], way[1]), config.walk_time * way[2]
-    if any(done < config.progress * whole for done, whole in zip(gone, asked, strict=True)):
-        raise PoiseError(f"it went {gone[0]:.2f} of {asked[0]:.2f} m, turned {gone[1]:.2f} of {asked[1]:.2f} rad")
-    return f"{gone[0]:.2f} m, {gone[1]:.2f} rad"
+    x, y = turned(loop.truth.q[:2] - start.q[:2], -ahead).tolist()
+    return check_progress((x, y, yaw), way)
+
+
+def check_progress(gone: Velocity, velocity: Velocity) -> str:
+    """The way gone along x and y [m] and about z [rad] from the start; ``PoiseError`` for too little as commanded."""
+    config = _config()
+    asked = config.walk_time * np.array(velocity)
+    for part in (slice(2), slice(2, 3)):  # the walked way along the commanded one, and the turn
+        if np.dot(gone[part], asked[part]) < config.progress * np.dot(asked[part], asked[part]):
+            x, y, yaw = asked
+            raise PoiseError(
+                f"it went {gone[0]:.2f}, {gone[1]:.2f} of {x:.2f}, {y:.2f} m, turned {gone[2]:.2f} of {yaw:.2f} rad"
+            )
+    return f"{gone[0]:.2f}, {gone[1]:.2f} m, {gone[2]:.2f} rad"
 
 
 def _yaw(loop: ClosedLoop) -> float:

@@ -1,5 +1,6 @@
 """``poise bench robots``: which robots, how a refusal and a verdict are recorded, and the tables."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -7,9 +8,10 @@ import pytest
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Options, Report
 from benchmarks.stability import robots_page
-from benchmarks.stability.robots import GENERATED, Robots, check, robot_files, run_trial, write_robot
+from benchmarks.stability.robots import GENERATED, Robots, check, check_progress, robot_files, run_trial, write_robot
 from benchmarks.stability.robots_page import PICTURE, TABLE, rows, trial_rows, write_page
-from models.errors import ConfigError
+from models.errors import ConfigError, PoiseError
+from models.types import Velocity
 from models.urdf import data_folder
 
 BOLT = "bolt_description/robots/bolt.urdf"
@@ -94,6 +96,24 @@ def test_the_picture_has_the_robots_that_walk(tmp_path: Path, monkeypatch: pytes
     assert asked == [str(tmp_path / PICTURE), kind]
     with pytest.warns(UserWarning, match="EGL was not found"):
         assert write_page([case("d.urdf", True)], tmp_path, long=False) == [tmp_path / TABLE]
+
+
+@pytest.mark.parametrize(
+    ("gone", "velocity", "enough"),
+    [
+        ((6.0, 0.5, 0.2), (0.5, 0.0, 0.0), True),
+        ((-6.0, 0.5, 0.2), (0.5, 0.0, 0.0), False),
+        ((0.5, 6.0, 0.2), (0.5, 0.0, 0.0), False),
+        ((0.1, 3.0, 0.0), (0.0, 0.2, 0.0), True),
+        ((0.1, -3.0, 0.0), (0.0, 0.2, 0.0), False),
+        ((0.1, 0.0, 4.0), (0.0, 0.0, 0.3), True),
+        ((0.1, 0.0, -4.0), (0.0, 0.0, 0.3), False),
+        ((-0.1, 0.1, -0.1), (0.0, 0.0, 0.0), True),
+    ],
+)
+def test_only_the_way_that_was_commanded_counts(gone: Velocity, velocity: Velocity, enough: bool) -> None:
+    with nullcontext() if enough else pytest.raises(PoiseError, match="it went"):
+        check_progress(gone, velocity)
 
 
 def test_one_failed_run_of_twenty_five_is_allowed(tmp_path: Path) -> None:
