@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ElementTree
 import zipfile
 from importlib.metadata import distribution
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,6 +34,17 @@ def wheel(root: Path, tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFi
     result = subprocess.run(build, cwd=root, capture_output=True, text=True, timeout=120, check=False)
     assert result.returncode == 0, result.stderr
     return zipfile.ZipFile(next(folder.glob("*.whl")))
+
+
+def test_the_source_distribution_is_the_whole_checkout(project: Any, root: Path) -> None:
+    listed = subprocess.run(["git", "ls-files"], cwd=root, capture_output=True, text=True, check=False)
+    if listed.returncode != 0:
+        pytest.skip("not a checkout")
+    included = {name.strip("/") for name in project["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]}
+    assert {line.partition("/")[0] for line in listed.stdout.splitlines()} - {
+        "pyproject.toml",
+        ".gitignore",
+    } <= included
 
 
 def _entries(group: str) -> dict[str, str]:
