@@ -160,9 +160,13 @@ class Terrain(Benchmark):
     def plots(self, report: Report, folder: Path) -> list[Path]:
         config = _config()
         figure, axes = plot_distances(report)
-        commanded = config.speed * config.duration
-        axes.axhline(commanded, color="k", linewidth=0.8, label="commanded")
-        axes.axhline(config.distance_share * commanded, color="k", linewidth=0.8, linestyle="--", label="required")
+        known = {**config.conditions, **config.goals}
+        names = dict.fromkeys(case["scenario"] for case in report.cases)  # in the order of the axis
+        commanded = np.array([(known[name].speed or config.speed) * config.duration for name in names])
+        at = np.arange(len(commanded))
+        for label, share, style in (("commanded", 1.0, "-"), ("required", config.distance_share, "--")):
+            limits = share * commanded
+            axes.hlines(limits, at - 0.5, at + 0.5, color="k", linewidth=0.8, linestyle=style, label=label)
         axes.set_ylabel(f"distance in {config.duration:.0f} s [m]")
         axes.set_ylim(bottom=0.0)
         axes.set_title(f"terrain, {report.who}, seeds: {report.seeds}", fontsize=10)

@@ -1,10 +1,12 @@
 """The benchmarks on uneven ground: their cases, that every bound decides, what of a fall counts for the map."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Options, Report
@@ -63,6 +65,21 @@ def test_eighteen_of_twenty_decide(name: str, failures: int, passes: bool) -> No
     assert BENCH.passed(report) is passes
     assert any(f"{name}: {20 - failures} of 20" in note for note in notes) is not passes
     assert sum("base tilted" in note for note in notes) == failures
+
+
+def test_each_condition_is_drawn_with_the_limits_of_its_speed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures: list[Figure] = []
+    monkeypatch.setattr(terrain, "saved", lambda figure, file: figures.append(figure) or file)
+    outcome = good(1)[0]
+    results = [outcome | {"scenario": name} for name in ("tiles", "steep_up_fast")]
+    BENCH.plots(report_of(results), tmp_path)
+    limits = {line.get_label(): line.get_segments() for line in figures[0].axes[0].collections}  # type: ignore[attr-defined]
+    assert [segment[:, 1].tolist() for segment in limits["commanded"]] == [
+        pytest.approx([6.0] * 2),
+        pytest.approx([8.0] * 2),
+    ]
+    assert [segment[0, 1] for segment in limits["required"]] == pytest.approx([4.2, 5.6])
+    assert [segment[:, 0].tolist() for segment in limits["required"]] == [[-0.5, 0.5], [0.5, 1.5]]
 
 
 def test_goals_have_no_bound() -> None:
