@@ -275,11 +275,13 @@ def write_report(folder: Path) -> list[Path]:
 
 
 def publish_report(folder: Path, docs: Path) -> list[Path]:
-    """Write what a repository keeps: page, pictures, and ``reports.jsonl``, a line a bench and robot, no cases."""
+    """Write what a repository keeps: page, pictures, and ``reports.jsonl``, a line a bench and robot, no cases.
+
+    Pictures of an earlier report that this one lacks are deleted.
+    """
     files = _write_page(folder, docs)
-    for file in (docs / PLOTS).glob("*.png"):
-        if file not in files:
-            file.unlink()
+    for file in {docs / PLOTS / f"{name}.png" for _, name, _ in PICTURES} - set(files):
+        file.unlink(missing_ok=True)
     kept = [
         {name: line[name] for name in line if name not in ("keys", "notes")} for line in latest_lines(folder).values()
     ]

@@ -71,10 +71,11 @@ def test_a_suite_is_measured_once_and_its_report_is_built_from_the_lines(tmp_pat
 
     docs = tmp_path / "docs"
     (docs / "plots").mkdir(parents=True)
-    (docs / "plots/earlier.png").touch()
+    for name in ("times", "own"):  # of an earlier report, and of somebody else
+        (docs / f"plots/{name}.png").touch()
     assert RUNNER.invoke(app, ["report", str(folder), "--docs", str(docs)]).exit_code == 0
     assert {str(file.relative_to(docs)) for file in docs.rglob("*") if file.is_file()} == {
-        "report.md", "reports.jsonl", "plots/survival.png",
+        "report.md", "reports.jsonl", "plots/survival.png", "plots/own.png",
     }  # fmt: skip
     assert (docs / "report.md").read_text() == page
     kept, lost = [json.loads(text) for text in (docs / REPORTS).read_text().splitlines()]
