@@ -78,7 +78,8 @@ def _pushes(robot: str, report: Report) -> Iterator[Limited]:
     """The direction that is nearest to its limit, from below or least above."""
     for limit, key in PUSH_LIMITS[report.bench]:
         found = [(case, _limit(case, key)) for case in report.cases]
-        ratios = [(case["dv"] / value, case, value) for case, value in found if value > 0.0]
+        shown = [(case, value) for case, value in found if value > 0.0 or not case["dv"]]
+        ratios = [(case["dv"] / value if value > 0.0 else 0.0, case, value) for case, value in shown]
         if ratios:  # none where the DCM was beyond the edge already
             ratio, case, value = min(ratios, key=lambda row: row[0])
             what = f"push, {DOING[report.bench]}, weakest against it: {direction_name(case['angle'])}"
@@ -193,8 +194,9 @@ def limits(reports: Reports) -> list[str]:
         return []
     text = (
         "Each limit is computed in the same run. Of a push, more is better, and a ratio above 1 is what arms and torso "
-        "add to the pendulum; directions whose limit is 0, the DCM being beyond the soles already, are left out. Of a "
-        "time, less is better, and 1 would be the limit itself."
+        "add to the pendulum; directions whose limit is 0, the DCM being beyond the soles already, are left out, "
+        "but for those in which no push is taken: their ratio is 0. Of a time, less is better, and 1 would be the "
+        "limit itself."
     )
     return ["## Limits", "", text, "", *table(["figure", "robot", "measured", "limit", "its value", "ratio"], rows)]
 

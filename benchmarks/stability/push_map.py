@@ -267,14 +267,17 @@ def summarise(results: list[Case]) -> dict[str, float]:
         "impulse_min": min(float(case["impulse"]) for case in results),
         "ankle_dv_min": min(case["ankle_dv"] for case in results),
         "steps_dv_min": min(case["steps_dv"] for case in results),
-        "legs_touched": float(sum(LEGS_TOUCH in case["reason"] for case in results)),
+        "legs_touched": float(len({case["angle"] for case in results if LEGS_TOUCH in case["reason"]})),
     }
     if "taken" in results[0]:
         figures |= {name: float(sum(case[name] for case in results)) for name in ("taken", "pushes")}
         figures["directions_taken"] = float((dv > 0.0).sum())
     for bound in ("ankle", "steps"):
         limits = np.array([min(case[f"{bound}_dv"] for case in results if case["angle"] == angle) for angle in angles])
-        of_bound = dv[limits > 0.0] / limits[limits > 0.0]  # none where the DCM was beyond the edge already
+        shown = (limits > 0.0) | (
+            dv == 0.0
+        )  # not where the DCM was beyond the edge already; nothing taken is a ratio of 0
+        of_bound = dv[shown] / np.where(limits > 0.0, limits, 1.0)[shown]
         figures[f"ratio_to_{bound}_bound_min"] = float(of_bound.min()) if len(of_bound) else math.nan
         figures[f"ratio_to_{bound}_bound_median"] = float(np.median(of_bound)) if len(of_bound) else math.nan
     return figures

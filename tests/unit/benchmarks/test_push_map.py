@@ -95,6 +95,10 @@ def test_the_figure_of_a_direction_is_its_smallest_and_both_bounds_count() -> No
     assert figures["ratio_to_steps_bound_median"] == pytest.approx(1.0)
     beyond = [case(0.0, 0.8) | {"ankle_dv": 0.0}, case(1.0, 1.2)]  # the DCM was beyond the edge already
     assert push_map.summarise(beyond)["ratio_to_ankle_bound_min"] == pytest.approx(3.0)
+    fell = [case(0.0, 0.0, "does not walk") | {"ankle_dv": 0.0, "steps_dv": 0.0}, case(1.0, 1.2)]  # before the push
+    figures = push_map.summarise([*fell, *(case(2.0, 1.2, "legs touch: a and b") for _ in range(2))])
+    assert figures["ratio_to_ankle_bound_min"] == figures["ratio_to_steps_bound_min"] == 0.0
+    assert figures["ratio_to_steps_bound_median"] == pytest.approx(1.0) and figures["legs_touched"] == 1.0
     assert not passed([case(0.0, 0.5), case(1.0, 1.5)])  # the smallest alone
     assert not passed([case(0.0, 0.7), case(1.0, 0.8)])  # the median alone
 

@@ -138,6 +138,8 @@ def test_a_push_is_held_against_the_nearest_direction_of_each_limit() -> None:
     assert rows["torque-limited bound"].ratio == pytest.approx(1.0)
     beyond = reports(push_walk=[push(0.0, ankle_dv=0.0, steps_dv=1.2)])  # the DCM was beyond the edge already
     assert {row.limit: row.ratio for row in limited(beyond)} == {"N-step capturability": pytest.approx(0.5)}
+    fell = reports(push_walk=[push(0.0), push(1.0, dv=0.0, ankle_dv=0.0, steps_dv=0.0)])  # before the push
+    assert [row.ratio for row in limited(fell)] == [0.0, 0.0]
 
 
 def test_times_are_held_against_their_floors() -> None:
