@@ -148,7 +148,10 @@ class Benchmark(ABC):
 
         bounds = {name: bound for name, bound in self.bounds(report).items() if name in report.figures}
         limits = {name: bound.least if math.isinf(bound.most) else bound.most for name, bound in bounds.items()}
-        shares = {name: report.figures[name] / limit for name, limit in limits.items() if limit}
+        shares = {
+            name: report.figures[name] / limit if limit else 1.0 + report.figures[name]
+            for name, limit in limits.items()
+        }
         if not shares:
             return []
         figure = new_figure(8.0, 1.2 + 0.25 * len(shares))
@@ -156,7 +159,7 @@ class Benchmark(ABC):
         colours = ["C0" if bounds[name].holds(report.figures[name]) else "C3" for name in shares]
         axes.barh([f"{name} ({bounds[name]})" for name in shares], list(shares.values()), color=colours)
         axes.axvline(1.0, color="k", linewidth=0.8, linestyle="--")
-        axes.set_xlabel("figure over its bound [-]; red where the bound does not hold")
+        axes.set_xlabel("figure over its bound (1 more than it where that is 0); red where the bound does not hold")
         axes.set_title(f"{report.bench}, {report.who}, seeds: {report.seeds}", fontsize=10)
         return [saved(figure, folder / f"{report.bench}-{report.stem}.png")]
 

@@ -1,12 +1,14 @@
 """Pictures of the report hold what was measured, and none is drawn of nothing."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from benchmarks.core import benchmark
 from benchmarks.core.benchmark import bounds_of, catalogue
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.timed_run import QUANTILES, spread
@@ -155,6 +157,15 @@ def test_a_figure_that_breaks_its_bound_is_shown_so() -> None:
     assert bounded(report, "dv_min") == "**0.4** (not ≥ 0.5)"
     assert bounded(report, "dv_median") == "2 (≥ 0.8)"
     assert bounded(report, "legs_touched") == "1" and bounded(report, "absent") == bounded(None, "dv_min") == "-"
+
+
+def test_a_figure_with_a_bound_of_zero_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures: list[Figure] = []
+    monkeypatch.setattr(benchmark, "saved", lambda figure, file: figures.append(figure) or file)
+    found = {"ticks_uncertified": 3.0, "gait_us_p99": 2500.0}
+    catalogue()["gait"].load().plots(Report("gait", "g1", 1, found, [], True, LOAD), tmp_path)
+    (axes,) = figures[0].axes
+    assert sorted(bar.get_width() for bar in axes.patches) == [0.5, 4.0]  # type: ignore[attr-defined]
 
 
 def test_every_benchmark_has_bounds_of_figures_that_it_knows() -> None:
