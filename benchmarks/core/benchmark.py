@@ -120,19 +120,19 @@ class Benchmark(ABC):
     def bounds(self, report: Report) -> dict[str, Bound]:
         """Bound of each figure that has one, by default ``least`` and ``most`` of its ``Info``.
 
-        Figures that the report lacks are not judged.
+        One that the report lacks fails, unless the benchmark has scenarios to choose from: it may be of another one.
         """
         listed = catalogue().get(self.name)
         return at_least(listed.info.least) | at_most(listed.info.most) if listed else {}
 
     def judged(self, report: Report) -> list[tuple[bool, str]]:
         """Whether each bound holds, and its figure in words."""
-        figures, bounds = report.figures, self.bounds(report)
-        return [
-            (bounds[name].holds(figures[name]), f"{name} {bounds[name]}: {figures[name]:.4g}")
-            for name in bounds
-            if name in figures
-        ]
+        bounds, listed = self.bounds(report), catalogue().get(self.name)
+        optional = listed is None or listed.info.choice == "scenario"
+        figures = {
+            name: report.figures.get(name, math.nan) for name in bounds if name in report.figures or not optional
+        }
+        return [(bounds[name].holds(value), f"{name} {bounds[name]}: {value:.4g}") for name, value in figures.items()]
 
     def notes(self, report: Report) -> list[str]:
         """Remarks for the reader: by default one line for each bound."""

@@ -49,7 +49,8 @@ def test_no_generated_robot_may_be_refused(robot: str, passed: bool) -> None:
     bench = Robots("robots")
     walks = {"robot": "a/b/c.urdf", "trials": {"walk": [True, ""]}, "time": 9.0}
     figures = bench.figures([walks, {"robot": robot, "refused": "no feet"}])
-    assert bench.passed(Report(bench.name, "g1", 1, figures, [], True, {})) is passed
+    report = Report(bench.name, "g1", 1, figures, [], True, {})
+    assert bench.passed(report) is passed and set(bench.bounds(report)) <= set(figures)
 
 
 def test_the_table_has_a_row_a_robot_and_the_refused_files() -> None:
@@ -120,6 +121,7 @@ def test_one_failed_run_of_twenty_five_is_allowed(tmp_path: Path) -> None:
     bench = Robots("robots_trials")
     cases = [{"robot": "g1", "trial": "stand", "seed": k, "passed": k > 0, "reason": "fell"} for k in range(25)]
     figures = bench.figures(cases)
+    assert set(catalogue()[bench.name].info.least) <= set(figures)
     assert figures == {"robots": 1, "runs": 25, "passed": 24, "passed_share_min": 0.96}
     report = Report(bench.name, "g1", 25, figures, cases, True, {})
     assert bench.passed(report) and "fell" in bench.notes(report)[-1]

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from benchmarks.core import benchmark
 from benchmarks.core.benchmark import bounds_of, catalogue
 from benchmarks.core.harness import Case, Report
+from benchmarks.core.results import read_lines
 from benchmarks.core.timed_run import QUANTILES, spread
 from benchmarks.report import report_plots, report_survival
 from benchmarks.report.report_page import PICTURES, bounded, limited
@@ -168,8 +169,20 @@ def test_a_figure_with_a_bound_of_zero_is_drawn(tmp_path: Path, monkeypatch: pyt
     assert sorted(bar.get_width() for bar in axes.patches) == [0.5, 4.0]  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize(("bench", "passed"), [("endurance", False), ("push_walk", False), ("sim2sim_sdk", True)])
+def test_a_bound_whose_figure_is_not_measured_fails_unless_it_is_of_another_scenario(bench: str, passed: bool) -> None:
+    pytest.importorskip("rclpy")
+    report = Report(bench, "g1", 1, {}, [], True, LOAD)
+    assert catalogue()[bench].load().passed(report) is passed
+    assert any("nan" in text for _, text in catalogue()[bench].load().judged(report)) is not passed
+
+
 def test_every_benchmark_has_bounds_of_figures_that_it_knows() -> None:
-    """Those of a figure that is never measured would never be shown."""
+    """Each benchmark shows a figure with a bound, and every bound of the published ones is of a measured figure."""
+    published = read_lines(Path(__file__).parents[3] / "docs/benchmark_report/reports.jsonl")
+    for line in published:
+        info = catalogue()[line["bench"]].info
+        assert {*info.least, *info.most} <= set(line["figures"]), line["bench"]
     figures = {"stand_total": 1.0, "motions_total": 1.0, "total": 1.0, "p50_bound_us": 1.0, "p99_bound_us": 1.0}
     figures |= {"p50_us": 2.0, "p99_us": 2.0}
     for bench, listed in catalogue().items():
