@@ -45,7 +45,7 @@ check:  ## Linting, formatting, types
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench:  ## All benchmarks, or BENCHES='tick push'; JSON and plots in out/bench/
+bench:  ## tick, qp, gait, loop, push, stand, latency, calibrate, estimate, walk, terrain, or BENCHES='tick stairs'; JSON and plots in out/bench/
 	@.ci/setup dev
 	@mkdir -p $(OUT)/bench
 	@status=0; for name in $(BENCHES); do \
