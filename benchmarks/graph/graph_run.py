@@ -134,7 +134,10 @@ LOOK_PERIOD = 0.1  # period of the check of the other graphs [s]
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Rows of ``LatencyProbe`` and ``StageProbe`` (empty without stages), and use of every process by name."""
+    """Rows of ``LatencyProbe``, none active but while measured, and of ``StageProbe`` (empty without stages).
+
+    ``use`` is that of every process by name.
+    """
 
     bridge: dict[str, NDArray[Any]]
     laws: dict[str, NDArray[Any]]
@@ -200,13 +203,21 @@ def _run(
             graph.call("mode/walk")
         (shared / f"stands_{index}").touch()
         _wait_for_others(shared, scenario.robots, scenario.robots * config.start_limit, graph.spin)
+        begin = time.monotonic_ns()
         meter = UseMeter({**{name.rpartition(".")[2]: pid for name, pid in graph.pids.items()}, **others})
         if scenario.walk:
             User(graph).walk(config.walk_speed)
         graph.spin(config.duration + config.warm_up)
-        use = meter.read()
+        use, end = meter.read(), time.monotonic_ns()
     rows = [dict(np.load(files[name])) if files[name].exists() else {} for name in ("bridge", "laws")]
-    return Run(rows[0], rows[1], use)
+    return Run(active_within(rows[0], begin, end), rows[1], use)
+
+
+def active_within(rows: dict[str, NDArray[Any]], begin: int, end: int) -> dict[str, NDArray[Any]]:
+    """Rows of ``LatencyProbe``, none ``active`` that was published outside of a span of the monotonic clock [ns]."""
+    if not rows:
+        return rows
+    return rows | {"active": rows["active"] & (rows["published"] >= begin) & (rows["published"] <= end)}
 
 
 def _wait_for_others(shared: Path, count: int, timeout: float, spin: Callable[[float], None]) -> None:

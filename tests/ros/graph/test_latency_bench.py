@@ -12,7 +12,7 @@ from benchmarks.core.harness import Case, Options, Sweep, read_json, write_json
 from benchmarks.core.machine import Use, read_machine
 from benchmarks.core.results import ResultsFile
 from benchmarks.core.timed_run import spread
-from benchmarks.graph.graph_run import Run, Scenario, latency_config
+from benchmarks.graph.graph_run import Run, Scenario, active_within, latency_config
 from benchmarks.speed import latency
 from benchmarks.speed.latency import STAGES, judge, split, summarise, tails, verdict
 from bridge.driver.probes import LEFT, RIGHT, LatencyProbe
@@ -91,12 +91,13 @@ def test_a_run_becomes_a_case_that_keeps_no_tick() -> None:
 def test_a_graph_that_does_not_come_up_or_does_not_last_is_a_result(
     monkeypatch: pytest.MonkeyPatch, failure: str
 ) -> None:
-    ticks = np.arange(20_000)
+    ticks = np.arange(20_001)
 
     def fail(*arguments: object) -> list[Run]:
         if failure.startswith("not standing"):
             raise PoiseError(failure)
-        return [Run({"published": 1 + ticks * 1_000_000, "active": ticks <= 3000}, {}, {})] * 4
+        rows = {"published": 1 + ticks * 1_000_000, "active": ticks >= 0}
+        return [Run(active_within(rows, 0, end), {}, {}) for end in (1 << 62, 1 << 62, 3_000_000_001, 1 << 62)]
 
     monkeypatch.setattr(latency, "run_graphs", fail)
     monkeypatch.setattr(latency, "free_domain", lambda: 0)
@@ -107,6 +108,14 @@ def test_a_graph_that_does_not_come_up_or_does_not_last_is_a_result(
     assert report.figures["robots_4_stood_fraction"] == 0.0 and "robots_4_p50_us" not in report.figures
     assert f"robots_4: seed 0: {failure}" in report.notes
     assert any(note.endswith("does NOT keep real time: robots_4 at 0.25 of real time") for note in report.notes)
+
+
+def test_ticks_before_and_after_the_measurement_do_not_count() -> None:
+    published = np.array([0, 10, 20, 30, 40])
+    rows = {"published": published, "active": np.array([False, True, True, False, True]), "late": published * 0.1}
+    found = active_within(rows, 15, 35)
+    assert found["active"].tolist() == [False, False, True, False, False] and found["late"] is rows["late"]
+    assert rows["active"].sum() == 3 and active_within({}, 15, 35) == {}
 
 
 def test_a_scenario_becomes_figures_and_a_verdict() -> None:
