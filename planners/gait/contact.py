@@ -13,7 +13,6 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig, LiftConfig
 from planners.gait.footsteps import (
-    LEFT,
     Feet,
     Foothold,
     Place,
@@ -58,6 +57,10 @@ class SoleState(Struct, frozen=True):
     def ground(self) -> float:
         """Mean height [m]."""
         return 0.5 * (self.holds[0].z + self.holds[1].z)
+
+    def landing_level(self, foot: int) -> float:
+        """Known height of the ground on which a foot lands [m]."""
+        return self.levels[1 - foot] if self.landing is None else self.landing.hold.z
 
 
 class Soles:
@@ -158,7 +161,7 @@ class Soles:
         surprise = error - soles.rise[foot]
         followed = soles.rise[foot] + min(max(surprise, -config.rise_step), config.rise_step)
         rise = min(max(followed, -config.rise_max), config.rise_max)
-        level = _known_level(soles, foot)
+        level = soles.landing_level(foot)
         if soles.landing is not None and soles.landing.tread is not None:
             level += (1.0 - config.drift_share) * error
         tilts = soles.tilts.copy()
@@ -168,11 +171,11 @@ class Soles:
             holds=replaced(soles.holds, foot, sole),
             tilts=tilts,
             slope=self._expected_slope(samples),
-            rise=(rise, soles.rise[1]) if foot == 0 else (soles.rise[0], rise),
+            rise=replaced(soles.rise, foot, rise),
             samples=samples,
             measured=soles.measured,
             roughness=self._rougher(soles.roughness * (1.0 - 1.0 / ground.rough_steps), abs(surprise) - ground.even),
-            levels=_with_level(soles.levels, foot, level),
+            levels=replaced(soles.levels, foot, level),
         )
 
     def tripped(self, soles: SoleState) -> SoleState:
@@ -267,15 +270,6 @@ def _standing_support(left: Pose, right: Pose, dcm: Vector, centres: Matrix, hal
     across = abs(to_foot[0] * place[1] - to_foot[1] * place[0]) / apart
     extent = (aside * length + ahead * width) / apart
     return (abs(place[0]), abs(place[1]), across), (length + ahead, width + aside, extent)
-
-
-def _known_level(soles: SoleState, foot: int) -> float:
-    """Known height of the ground on which a foot lands [m]."""
-    return soles.levels[1 - foot] if soles.landing is None else soles.landing.hold.z
-
-
-def _with_level(levels: Point, foot: int, level: float) -> Point:
-    return (level, levels[1]) if foot == LEFT else (levels[0], level)
 
 
 def _ground(soles: SoleState, foot: int, hold: Foothold, measured: Measurement) -> float:

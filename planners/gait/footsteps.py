@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from msgspec import Struct
@@ -13,6 +13,8 @@ from models.numerics.compiled import njit, register_jitable
 from models.numerics.unboxed import Unboxed, unbox
 from models.types import Matrix, Velocity
 from planners.gait.config import ReachConfig
+
+T = TypeVar("T")
 
 LEFT, RIGHT = 0, 1
 
@@ -134,9 +136,9 @@ class Foothold(Struct, frozen=True):
 Feet = tuple[Foothold, Foothold]  #: Footholds of the left and the right sole
 
 
-def replaced(feet: Feet, foot: int, hold: Foothold) -> Feet:
-    """Footholds with that of one foot replaced."""
-    return (hold, feet[1]) if foot == LEFT else (feet[0], hold)
+def replaced(pair: tuple[T, T], foot: int, value: T) -> tuple[T, T]:
+    """Values of both feet with that of one foot replaced."""
+    return (value, pair[1]) if foot == LEFT else (pair[0], value)
 
 
 def side_of(foot: int) -> float:

@@ -13,7 +13,7 @@ from models.types import Matrix, Reference, RobotState, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneState
 from planners.gait.footing import ToeOff, turned_about
-from planners.gait.footsteps import Point, mean_heading, middle, wrap
+from planners.gait.footsteps import Point, mean_heading, middle, replaced, wrap
 from planners.gait.measurement import Measurement
 from planners.gait.state import BodyState, GaitPhase, GaitState
 from planners.gait.tread import leg_height
@@ -58,8 +58,10 @@ class ReferenceBuilder:
         ``relief`` is the known height of the vertical DCM now [m], ``omega`` that of the pendulum [1/s].
         """
         config, (left, right) = self._config, state.soles.holds
-        levels = self._levels(state)
-        swinging = 1 - state.stance if state.phase is GaitPhase.SINGLE else -1
+        levels, swinging = state.soles.levels, -1
+        if state.phase is GaitPhase.SINGLE:
+            swinging = 1 - state.stance
+            levels = replaced(levels, swinging, state.soles.landing_level(swinging))
         if state.phase is GaitPhase.STAND and state.rest is not None:
             height = state.rest.height
         else:
@@ -86,15 +88,6 @@ class ReferenceBuilder:
         rise, acceleration = self._advance_rise(state, dt), (rate - before.rate) / dt
         known = _advance_relief(before.relief, relief, omega, config.height_acceleration, dt)
         return BodyState(height, ground, rate, acceleration, climb, rise, known)
-
-    @staticmethod
-    def _levels(state: GaitState) -> Point:
-        """Known height of the ground under each foot, or where it lands [m]."""
-        levels, landing = state.soles.levels, state.soles.landing
-        if state.phase is not GaitPhase.SINGLE:
-            return levels
-        target = levels[state.stance] if landing is None else landing.hold.z
-        return (target, levels[1]) if state.stance == 1 else (levels[0], target)
 
     def _advance_rise(self, state: GaitState, dt: float) -> tuple[float, float, float]:
         """Rise over the stance leg, its rate and acceleration [m, m/s, m/s^2] after one tick."""
