@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped, WrenchStamped
-from std_msgs.msg import Bool, String
+from std_msgs.msg import Bool
 
 from controllers.estimation.assembler import FootPairs
 from controllers.estimation.config import ContactConfig, EstimatorConfig
@@ -19,7 +19,7 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import WrenchCodec, set_stamp
 from models.nodes.parameters import declare_config, declare_ns, declare_period
-from models.nodes.qos import LATCHED, SENSOR, STATE
+from models.nodes.qos import SENSOR, STATE
 from models.nodes.spin import program
 from models.robot_model import SOLE_FRAMES
 
@@ -55,7 +55,7 @@ class FootSensorNode(PoiseNode):
         for foot, topic in enumerate(topics.FOOT_WRENCHES):
             on_wrench = partial(self._on_wrench, foot, WrenchCodec(SOLE_FRAMES[foot]))
             self.listen(WrenchStamped, topic, on_wrench, SENSOR, raw=True, while_active=True)
-        self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+        self.listen_start(self.activate)
 
     def activate(self) -> None:
         self._pairs = FootPairs(self._age_max, self._gap_max)
@@ -92,10 +92,6 @@ class FootSensorNode(PoiseNode):
         set_stamp(message.header.stamp, self._pairs.stamp)
         message.point.x, message.point.y = self._law.cops[foot].tolist()
         self._cops[foot].publish(message)
-
-    def _on_driver_state(self, message: String) -> None:
-        if message.data == topics.HELD and self.active:
-            self.activate()
 
     def before_diagnostics(self) -> None:
         if not self.active:

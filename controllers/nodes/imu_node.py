@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import Imu
-from std_msgs.msg import String
 
 from controllers.estimation.orientation_filter import OrientationFilter, OrientationFilterConfig
 from controllers.estimation.stamps import Due, StampFilter
@@ -16,7 +15,7 @@ from models.nodes.cdr import NANOSECONDS
 from models.nodes.imu import CsvImuLog, ImuSample, OrientedImuCodec
 from models.nodes.messages import ImuCodec
 from models.nodes.parameters import declare, declare_config, declare_ns, declare_period
-from models.nodes.qos import LATCHED, SENSOR, STATE
+from models.nodes.qos import SENSOR, STATE
 from models.nodes.spin import program
 from models.types import Vector
 
@@ -53,7 +52,7 @@ class ImuNode(PoiseNode):
         self._raw, self._codec = ImuCodec(topics.IMU_FRAME), OrientedImuCodec(topics.IMU_FRAME)
         self._filtered = self.announce(Imu, topics.IMU_FILTERED, STATE)
         self.listen(Imu, topics.IMU_RAW, self._on_imu, SENSOR, raw=True, while_active=True)
-        self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+        self.listen_start(self._start_over)
 
     def activate(self) -> None:
         """Start from the next samples at rest, with a new table."""
@@ -99,10 +98,6 @@ class ImuNode(PoiseNode):
         self._first.clear()
         self._law.reset(mean[0], mean[1])
         self._started = True
-
-    def _on_driver_state(self, message: String) -> None:
-        if message.data == topics.HELD and self.active:
-            self._start_over()
 
     def before_diagnostics(self) -> None:
         if not self.active:

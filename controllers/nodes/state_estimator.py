@@ -18,7 +18,7 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.parameters import declare, declare_config, declare_lockstep
-from models.nodes.qos import EVENT, LATCHED
+from models.nodes.qos import EVENT
 from models.nodes.spin import program
 from models.status import EstimatorStatus
 from models.types import RobotState, SensorData, Vector
@@ -59,7 +59,7 @@ class StateEstimatorNode(PoiseNode):
             self, self._ages, self._step, self._again, lockstep=self._lockstep, waits=self._waits
         )
         self._publish_status = self.announce_status(topics.ESTIMATOR_STATUS)
-        self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+        self.listen_start(self.activate)
         self._calibration = CalibrationServices(self, self.activate)
         if self._stack.log is not None:
             self._inputs = self.announce(String, topics.APPLIED, EVENT)
@@ -152,10 +152,6 @@ class StateEstimatorNode(PoiseNode):
             self._hand_over(self._state, self._last_stamp)
             self._publish_inputs(self._last_stamp, again=True)
         self._estimates.publish_odometry(self._state, self._last_stamp)
-
-    def _on_driver_state(self, message: String) -> None:
-        if message.data == topics.HELD and self.active:
-            self.activate()
 
 
 def _numbers(values: Vector) -> str:

@@ -11,11 +11,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from std_msgs.msg import String
 
 from models.errors import MessageError, PoiseError
 from models.nodes import realtime, topics
 from models.nodes.parameters import describe
-from models.nodes.qos import EVENT, REFUSALS, QosWatch
+from models.nodes.qos import EVENT, LATCHED, REFUSALS, QosWatch
 from models.nodes.status import StatusMessage, status_from_message, status_to_message
 from models.robot_model import RobotModel
 from models.status import NodeStatus, Status
@@ -185,6 +186,15 @@ class PoiseNode(LifecycleNode):
             callback(record)
 
         self.listen(StatusMessage, topic, on_message, qos)
+
+    def listen_start(self, callback: Callable[[], None]) -> None:
+        """Call back when the drivers hold the robot at its start, as after a reset, while the node is active."""
+
+        def on_state(message: String) -> None:
+            if message.data == topics.HELD:
+                callback()
+
+        self.listen(String, topics.DRIVER_STATE, on_state, LATCHED, while_active=True)
 
     def own(self, destroy: Callable[[Any], Any], entity: Any) -> None:
         """Register an entity that ``cleanup`` destroys."""

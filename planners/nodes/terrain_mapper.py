@@ -11,7 +11,7 @@ import pinocchio as pin
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState, PointCloud2
-from std_msgs.msg import String, UInt8MultiArray
+from std_msgs.msg import UInt8MultiArray
 
 from models.config import default_config
 from models.errors import MessageError
@@ -106,7 +106,7 @@ class TerrainMapperNode(PoiseNode):
             JointState, topics.JOINT_STATES, lambda data: self._joints.add(stamp_of(data), data), SENSOR, raw=True
         )
         self.listen(JointState, topics.ENCODER_OFFSETS, self._on_offsets, LATCHED, raw=True)
-        self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+        self.listen_start(self._law.reset)  # set upright somewhere: the ground there is another
         sensors, qos = self.model.profile.sensors, COMMAND if self._reliable else SENSOR
         if sensors.depth is not None:
             self.listen(PointCloud2, topics.DEPTH_POINTS, self._on_cloud, qos, while_active=True)
@@ -136,10 +136,6 @@ class TerrainMapperNode(PoiseNode):
 
     def _on_contacts(self, message: Any) -> None:
         self._coming = contacts_from_message(message)  # without a stamp, published before the odometry of their tick
-
-    def _on_driver_state(self, message: Any) -> None:
-        if message.data == topics.HELD:  # set upright somewhere: the ground there is another
-            self._law.reset()
 
     def _on_cloud(self, message: Any) -> None:
         stamp = stamp_ns(message.header.stamp)
