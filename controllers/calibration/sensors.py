@@ -107,28 +107,17 @@ def calibrate_feet(
     loads = [float(np.abs(w.loads).sum()) for w in windows]
     air = [w for w, load in zip(windows, loads, strict=True) if load < config.feet.air_load * weight]
     standing = [w for w, load in zip(windows, loads, strict=True) if load > config.feet.stand_load * weight]
-    details = {
-        "time_air": duration(air, config.window),
-        "time_standing": duration(standing, config.window),
-        "weight": weight,
-    }
-    enough_air = details["time_air"] >= config.feet.min_time
-    if not enough_air and details["time_standing"] < config.feet.min_time:
-        return refuse(_neither(loads, weight, config), details)
-    found, parts = base, []
-    if enough_air:
-        result = _offsets(air, model, found, config, details)
+    times = {"time_air": duration(air, config.window), "time_standing": duration(standing, config.window)}
+    details, found, parts = {**times, "weight": weight}, base, list[str]()
+    for time, part, law in zip(times.values(), (air, standing), (_offsets, _gains), strict=True):
+        if time < config.feet.min_time:
+            continue
+        result = law(part, model, found, config, details)
         if result.calibration is None:
             return result
         found, details = result.calibration, result.reply.details
         parts.append(result.reply.reason)
-    if details["time_standing"] >= config.feet.min_time:
-        result = _gains(standing, model, found, config, details)
-        if result.calibration is None:
-            return result
-        found, details = result.calibration, result.reply.details
-        parts.append(result.reply.reason)
-    return accept("; ".join(parts), details, found)
+    return accept("; ".join(parts), details, found) if parts else refuse(_neither(loads, weight, config), details)
 
 
 def _neither(loads: Sequence[float], weight: float, config: CalibrationConfig) -> str:
