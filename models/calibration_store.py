@@ -71,21 +71,15 @@ class CalibrationStore:
     A new file is written beside the old one, flushed to the disk, and renamed over it: after any interruption the name
     points to a complete file.
 
-    ``directory`` is ``calibration_directory()`` when None, and created when first written to; ``limits`` are the
-    packaged plausible corrections when None; ``namespace`` is empty or ``/`` for none.
+    ``directory`` is ``calibration_directory()`` when None, and created when first written to; ``namespace`` is empty or
+    ``/`` for none.
     """
 
-    def __init__(
-        self,
-        model: RobotModel,
-        directory: str | Path | None = None,
-        limits: CalibrationLimits | None = None,
-        namespace: str = "",
-    ) -> None:
+    def __init__(self, model: RobotModel, directory: str | Path | None = None, namespace: str = "") -> None:
         folder = calibration_directory() if directory is None else Path(directory).expanduser()
         self.path = folder / f"{'.'.join([model.name, *filter(None, namespace.split('/'))])}.yaml"
         self._model = model
-        self._limits = limits or default_config(CalibrationLimits, "models", "calibration")
+        self._limits = default_config(CalibrationLimits, "models", "calibration")
 
     def load(self) -> tuple[Calibration, tuple[str, ...]]:
         """The newest usable calibration, else one that corrects nothing; and why the newer files were refused."""

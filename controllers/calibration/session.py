@@ -35,16 +35,13 @@ class CalibrationSession:
     """Collects raw samples and turns them into a calibration; deterministic, no clock, no files.
 
     ``joints`` depends on the feet: when they carried the robot it closes the chain through both soles, and when they
-    hung it compares with the jig postures of the profile. ``what`` is the part under calibration, empty without one;
-    ``config`` and ``limits`` are the packaged ones when None.
+    hung it compares with the jig postures of the profile. ``what`` is the part under calibration, empty without one.
     """
 
-    def __init__(
-        self, model: RobotModel, config: CalibrationConfig | None = None, limits: CalibrationLimits | None = None
-    ) -> None:
+    def __init__(self, model: RobotModel) -> None:
         self._model = model
-        self.config = config or default_config(CalibrationConfig, "controllers", "calibration")
-        self._limits = limits or default_config(CalibrationLimits, "models", "calibration")
+        self.config = default_config(CalibrationConfig, "controllers", "calibration")
+        self._limits = default_config(CalibrationLimits, "models", "calibration")
         self._averager = WindowAverager(model, self.config.window)
         self.what = ""
 
@@ -160,8 +157,8 @@ class CalibrationProcedure:
     the reason why a calibration was abandoned, empty otherwise.
     """
 
-    def __init__(self, model: RobotModel, config: CalibrationConfig | None = None) -> None:
-        self._session = CalibrationSession(model, config)
+    def __init__(self, model: RobotModel) -> None:
+        self._session = CalibrationSession(model)
         self.config = self._session.config
         self.problem = ""
         self._stage = Stage.IDLE

@@ -73,9 +73,9 @@ class JointMonitor:
     ``period`` is that of the tick [s]; ``fault``, kept until ``reset``, names joint and figures in one sentence.
     """
 
-    def __init__(self, model: RobotModel, period: float = 0.001, config: JointMonitorConfig | None = None) -> None:
+    def __init__(self, model: RobotModel, period: float = 0.001) -> None:
         self.model, self._period = model, period
-        self.config = given = config or default_config(JointMonitorConfig, "controllers", "joint_monitor")
+        self.config = given = default_config(JointMonitorConfig, "controllers", "joint_monitor")
         self._noisy = model.profile.sensors.encoders.velocity_noise > 0.0
         nj, largest, rows = model.nj, model.tau_max, max(round(given.window / period), 1)
         bounds = np.array([given.error, given.commanded, given.no_output])[:, None] * largest

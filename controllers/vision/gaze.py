@@ -68,10 +68,10 @@ class Gaze:
 
 
 class AngleHistory:
-    """Keeps the newest ``size`` stamped angles and interpolates between them."""
+    """Keeps the newest 100 stamped angles and interpolates between them."""
 
-    def __init__(self, size: int = 100) -> None:
-        self._samples: deque[tuple[int, float, float]] = deque(maxlen=size)
+    def __init__(self) -> None:
+        self._samples: deque[tuple[int, float, float]] = deque(maxlen=100)
 
     def add(self, stamp: int, pan: float, tilt: float) -> None:
         """Store pan and tilt [rad] at a stamp [ns]; a stamp older than the newest clears the history."""

@@ -200,14 +200,13 @@ def _drawable(file: Path) -> bool:
     return 0 < faces <= _STL_FACES and file.stat().st_size == _STL_HEAD + faces * _STL_FACE
 
 
-def link_points(link: ET.Element, upright: Matrix, kinds: Sequence[str] = ("collision", "visual")) -> Matrix:
+def link_points(link: ET.Element, upright: Matrix) -> Matrix:
     """Points in the link's frame whose hull is that of the link's shapes, as seen from below (n, 3) [m]; n may be 0.
 
     ``upright`` is the rotation of the link in an upright frame (3, 3): spheres are round, and their lowest point
-    counts. ``kinds`` are tags of shapes in order of preference; the first that gives a point is taken. Meshes have
-    absolute paths.
+    counts. Visual shapes are taken where no collision shape gives a point. Meshes have absolute paths.
     """
-    for kind in kinds:
+    for kind in ("collision", "visual"):
         clouds = [_placed(shape, upright) for shape in link.findall(kind)]
         clouds = [cloud for cloud in clouds if len(cloud)]
         if clouds:

@@ -17,9 +17,10 @@ from planners.gait.footsteps import LEFT, Feet, Foothold, rotated
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.tread import Tread
 from planners.terrain.elevation_map import Heights
-from planners.terrain.footstep_search import LEVEL, Costs, FootstepSearch, Places, Step
+from planners.terrain.footstep_search import LEVEL, FootstepSearch, Places, Step
 from planners.terrain.survey import BESIDE, GRID, SoleSurvey
 
+_STRIDE = 0.25  #: Usual length of a step [m]
 _ASIDE = 0.30  #: To either side of the line they reach [m]
 _SHIFT = 0.2  #: From the line to those beside it [m]
 _SOON = 1.0  #: A plan that ends before this way is compared with those beside it [m]
@@ -48,10 +49,10 @@ class GroundPlan(NamedTuple):
 class GroundPlanner:
     """Plans footsteps on the ground as it is known; where nothing is known beside the feet, they will feel it."""
 
-    def __init__(self, robot: RobotModel, config: GaitConfig, stride: float = 0.25, costs: Costs | None = None) -> None:
+    def __init__(self, robot: RobotModel, config: GaitConfig) -> None:
         self._config, self._ground = config, SoleSurvey(robot, config.swing.edge)
         y_min, y_max = robot.feet[LEFT].rectangle[2:]
-        self._search = FootstepSearch(config, stride, y_max - y_min, costs or Costs())
+        self._search = FootstepSearch(config, _STRIDE, y_max - y_min)
         self._limits = self._search.limits
         soles = soles_at(Foothold(0.0, 0.0, 0.0), config.reach.width)
         level = Heights(np.zeros((9, 9)), (0.0, 0.0), 0.1)

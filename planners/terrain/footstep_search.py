@@ -89,9 +89,9 @@ class FootstepSearch:
     along the line, and at the end side by side.
     """
 
-    def __init__(self, config: GaitConfig, stride: float, sole: float, costs: Costs) -> None:
+    def __init__(self, config: GaitConfig, stride: float, sole: float) -> None:
         """``stride`` is the usual length of a step, ``sole`` the width of one [m]."""
-        self._costs, self._stance = costs, _STANCE + sole
+        self._costs, self._stance = Costs(), _STANCE + sole
         reach, velocity, period = config.reach, config.velocity, config.period
         self.limits = _Limits(
             reach.forward - _INSIDE,

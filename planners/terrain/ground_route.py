@@ -19,6 +19,7 @@ _NEAR = 0.06  #: Change of a foothold with which one footstep less is kept: the 
 _ARRIVED = 0.05  #: From the end of the way, where the walk is over [m]
 _BACK = 0.03  #: By which a plan may end before the one that it replaces [m]
 _HORIZON = 2.0  #: How far ahead of the feet is planned at most [m]
+_PATIENCE = 5.0  #: Longest wait for a plan [s]
 
 
 class Walker(Protocol):
@@ -71,8 +72,8 @@ class GroundRoute:
         plans: Plans that were used.
     """
 
-    def __init__(self, gait: GaitPlanner, walker: Walker, *, look: float = 1.0, patience: float = 5.0) -> None:
-        self._gait, self._walker, self._look, self._patience = gait, walker, look, patience
+    def __init__(self, gait: GaitPlanner, walker: Walker, *, look: float = 1.0) -> None:
+        self._gait, self._walker, self._look = gait, walker, look
         self._number = 0
         self.outcome, self.plans = "done", 0
         self._pending: Request | None = None
@@ -99,8 +100,8 @@ class GroundRoute:
         if not self.active:
             return None
         if self._pending is not None:
-            if t - self._since > self._patience:
-                self.end(f"no plan came for {self._patience:g} s: see the ground planner")
+            if t - self._since > _PATIENCE:
+                self.end(f"no plan came for {_PATIENCE:g} s: see the ground planner")
             return None
         gait = self._gait
         if gait.route.left:
