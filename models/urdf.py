@@ -57,17 +57,11 @@ def read_urdf(path: Path) -> ET.Element:
     Raises ``RobotModelError``, with file, joint or link, and cause: unreadable, not XML, no links, a joint without
     usable limits, of another kind than revolute and fixed or to a missing link, more than one root, or a negative mass.
     """
-    root = parse_urdf(path)
-    check_urdf(root, path)
-    return root
-
-
-def parse_urdf(path: Path) -> ET.Element:
-    """The ``<robot>`` element of a file, unchecked; ``RobotModelError`` names the file and the cause."""
     root = parse_description(path)
-    if root.tag != "robot":
-        hint = "; `poise check-robot` reads MJCF and writes a URDF" if root.tag == "mujoco" else ""
-        raise RobotModelError(f"{path}: the root element is <{root.tag}>, not <robot>{hint}")
+    if root.tag == "mujoco":
+        hint = "`poise check-robot` reads MJCF and writes a URDF"
+        raise RobotModelError(f"{path}: the root element is <mujoco>, not <robot>; {hint}")
+    check_urdf(root, path)
     return root
 
 
