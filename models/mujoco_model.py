@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from models.config import default_config
 from models.errors import ConfigError, RobotModelError
 from models.mujoco_spec import HOLD, ROOT_JOINT, PlantConfig, build_spec, prefix
-from models.robot_model import RobotModel
+from models.robot_model import SOLE_FRAMES, RobotModel
 from models.terrain import FLAT, Terrain, terrain_named
 from models.types import Matrix, Vector
 
@@ -166,7 +166,7 @@ def _index(compiled: mujoco.MjModel, model: RobotModel, prefix: str) -> MujocoMo
     bodies = {name.removeprefix(prefix): i for i, name in names.items() if name.startswith(prefix)}
     for name in model.frame_names:
         bodies.setdefault(name, int(compiled.site(prefix + name).bodyid[0]))
-    sites = [int(compiled.site(prefix + name).id) for name in ("l_sole", "r_sole")]
+    sites = [int(compiled.site(prefix + name).id) for name in SOLE_FRAMES]
     base = int(compiled.body(prefix + model.profile.base_link).id)
     root, joints = compiled.joint(f"{prefix}{ROOT_JOINT}"), [compiled.joint(prefix + n) for n in model.joint_names]
     qpos, qvel = int(root.qposadr[0]), int(root.dofadr[0])

@@ -13,7 +13,7 @@ from pydantic.dataclasses import dataclass
 from models.config import STRICT, NonNegative, Positive
 from models.constants import GRAVITY
 from models.foot import Foot
-from models.robot_model import RobotModel
+from models.robot_model import SOLE_FRAMES, RobotModel
 from models.terrain import FLAT, Box, Ground, Terrain, blocks
 from models.types import Matrix, Vector
 from models.urdf import for_mujoco
@@ -251,12 +251,10 @@ def _set_joints(spec: Any, model: RobotModel, config: PlantConfig) -> None:
 
 def _add_frames(spec: Any, model: RobotModel) -> None:
     for name in model.frame_names:
-        if name in ("l_sole", "r_sole"):
+        if name in SOLE_FRAMES:
             continue
-        frame = model.pin.frames[model.frame_id(name)]
-        link = model.pin.frames[frame.parentFrame]
-        offset = link.placement.actInv(frame.placement)
-        spec.body(link.name).add_site(name=name, pos=offset.translation, quat=_wxyz(offset.rotation))
+        link, offset = model.frame_on_link(name)
+        spec.body(link).add_site(name=name, pos=offset.translation, quat=_wxyz(offset.rotation))
     for sensor, kind in (("gyro", mujoco.mjtSensor.mjSENS_GYRO), ("accel", mujoco.mjtSensor.mjSENS_ACCELEROMETER)):
         spec.add_sensor(name=sensor, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
 
@@ -264,10 +262,8 @@ def _add_frames(spec: Any, model: RobotModel) -> None:
 def _add_soles(spec: Any, model: RobotModel, config: PlantConfig, *, uneven: bool) -> None:
     """Massless bodies hold the contact points, four on level ground: their force is the ground reaction."""
     radius = config.contact.corner_radius
-    for foot in model.feet:
-        name = model.pin.frames[foot.frame_id].name
-        link = model.pin.frames[model.pin.frames[foot.frame_id].parentFrame]
-        offset = link.placement.actInv(model.pin.frames[foot.frame_id].placement)
+    for name, foot in zip(SOLE_FRAMES, model.feet, strict=True):
+        _, offset = model.frame_on_link(name)
         sole = spec.body(foot.link).add_body(name=name, pos=offset.translation, quat=_wxyz(offset.rotation))
         sole.add_site(name=name)
         points = _sole_points(foot, config.contact.sole_points) if uneven else foot.corners

@@ -96,6 +96,12 @@ class RobotModel:
             raise ConfigError(f"{self.name}: unknown frame '{name}'; known: {', '.join(self._frames)}")
         return self._frames[name]
 
+    def frame_on_link(self, name: str) -> tuple[str, pin.SE3]:
+        """Link of the URDF that carries a frame, and the frame's pose in it; errors as ``frame_id``."""
+        frame = self.pin.frames[self.frame_id(name)]
+        link = self.pin.frames[frame.parentFrame]
+        return link.name, link.placement.actInv(frame.placement)
+
     def posture(self, name: str) -> Vector:
         """Joint positions of a named posture, read-only (nj,) [rad]; ``ConfigError`` lists the known ones."""
         if name not in self._postures:

@@ -247,12 +247,10 @@ def _kinematic_urdf(model: RobotModel) -> str:
         for shape in (*link.findall("visual"), *link.findall("collision")):
             link.remove(shape)
     for name in (*SOLE_FRAMES, *TARGET_FRAMES):
-        frame = model.pin.frames[model.frame_id(name)]
-        parent = model.pin.frames[frame.parentFrame]
-        placement = parent.placement.actInv(frame.placement)
+        parent, placement = model.frame_on_link(name)
         ET.SubElement(root, "link", name=PREFIX + name)
         joint = ET.SubElement(root, "joint", name=f"{PREFIX}{name}_joint", type="fixed")
-        ET.SubElement(joint, "parent", link=parent.name)
+        ET.SubElement(joint, "parent", link=parent)
         ET.SubElement(joint, "child", link=PREFIX + name)
         xyz, rpy = placement.translation, pin.rpy.matrixToRpy(placement.rotation)
         ET.SubElement(joint, "origin", xyz=printed(xyz), rpy=printed(rpy))

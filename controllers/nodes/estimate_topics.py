@@ -175,9 +175,7 @@ def static_frames(model: RobotModel) -> list[tuple[str, str, Any]]:
     root = model.profile.base_link
     frames = [] if root == topics.BASE_FRAME else [(topics.BASE_FRAME, root, pin.SE3ToXYZQUAT(pin.SE3.Identity()))]
     for name in model.frame_names:
-        frame = model.pin.frames[model.frame_id(name)]
-        link = model.pin.frames[frame.parentFrame]
-        if name == topics.BASE_FRAME or model.pin.existFrame(name, pin.FrameType.BODY):
-            continue
-        frames.append((link.name, name, pin.SE3ToXYZQUAT(link.placement.actInv(frame.placement))))
+        if name != topics.BASE_FRAME and not model.pin.existFrame(name, pin.FrameType.BODY):
+            link, placement = model.frame_on_link(name)
+            frames.append((link, name, pin.SE3ToXYZQUAT(placement)))
     return frames
