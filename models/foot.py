@@ -41,11 +41,6 @@ class Foot:
     bearing: tuple[float, float, float, float]  #: Part of the rectangle in which the leg can hold the CoP [m]
 
     @property
-    def rolls(self) -> bool:
-        """Whether the leg cannot hold the sole against rolling, as without an ankle roll joint."""
-        return self.free[LENGTH]
-
-    @property
     def corners(self) -> Matrix:
         """Corners of the contact rectangle in the sole frame, counter-clockwise from front left (4, 3) [m]."""
         return corners_of(self.rectangle)

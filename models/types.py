@@ -54,16 +54,6 @@ class RobotState(Struct, frozen=True):
     contacts: tuple[ContactState, ContactState]  # one per foot, in the order of ``FOOT_NAMES``
     friction: float = math.inf  # Coulomb coefficient of the ground under the soles; infinite where it is not known [-]
 
-    @property
-    def base_position(self) -> Vector:
-        """Origin of B in W (3,) [m]."""
-        return self.q[:3]
-
-    @property
-    def base_quaternion(self) -> Vector:
-        """Orientation of B in W, xyzw (4,)."""
-        return self.q[3:7]
-
 
 class PushEstimate(Struct, frozen=True):
     """External force on the robot besides gravity and the ground, estimated by the force observer."""

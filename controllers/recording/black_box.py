@@ -1,13 +1,12 @@
 """Black box: the last seconds of all signals of the control process, in a ring that is filled at every tick.
 
 ``add`` copies one tick into arrays whose pages were touched before: no allocation, no I/O, some 7 us. While
-``sealed``, after a fault, ``add`` does nothing and ``write`` may run in another thread: they never touch the same row.
+``sealed``, after a fault, ``add`` does nothing and ``record`` may run in another thread: they never touch the same row.
 """
 
 import json
 from collections import deque
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -243,7 +242,3 @@ class BlackBox:
             replay=None if self._checkpoints is None else self._checkpoints.start(arrays["number"]),
             **arrays,
         )
-
-    def write(self, path: Path, reason: str) -> None:
-        """Write the ring as a file; see ``BlackBoxRecord.save``. Raises PoiseError when the disk refuses."""
-        self.record(reason).save(path)

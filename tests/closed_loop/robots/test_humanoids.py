@@ -50,7 +50,7 @@ def test_legs_are_the_joints_below_those_of_both(five: RobotModel, tmp_path: Pat
             assert names[: len(shared)] == shared
             assert [model.joint_names[i - 6] for i in foot.joint_ids_v] == names[len(shared) :]
             assert names[-1] == f"{foot.name}_ankle_{'roll' if model is waist else 'pitch'}"
-    assert [foot.rolls for foot in (*five.feet, *waist.feet)] == [True, True, False, False]
+    assert [foot.free[0] for foot in (*five.feet, *waist.feet)] == [True, True, False, False]
     assert waist.profile.base_link == "trunk" and waist.profile.frames["torso"].link == "trunk"
 
 

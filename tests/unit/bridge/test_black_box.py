@@ -115,7 +115,7 @@ def test_a_tick_allocates_nothing_that_stays(g1: RobotModel) -> None:
 def test_the_file_says_all_of_it(g1: RobotModel, tmp_path: Path) -> None:
     box, path = filled(g1, 30), tmp_path / "new" / "a.npz"
     box.event(0.02, "mode damp")
-    box.write(path, "fallen")
+    box.record("fallen").save(path)
     assert [file.name for file in path.parent.iterdir()] == ["a.npz"]
     back, record = BlackBoxRecord.load(path), box.record("fallen")
     for name in UNITS:
@@ -150,14 +150,14 @@ def test_a_write_that_fails_leaves_the_file_before(
     g1: RobotModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     box, path = filled(g1, 5), tmp_path / "a.npz"
-    box.write(path, "first")
+    box.record("first").save(path)
 
     def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(PoiseError, match="No space left"):
-        box.write(path, "second")
+        box.record("second").save(path)
     assert BlackBoxRecord.load(path).reason == "first"
     assert [file.name for file in tmp_path.iterdir()] == ["a.npz"]
 
@@ -204,7 +204,7 @@ def test_what_is_no_black_box_is_refused(tmp_path: Path, g1: RobotModel) -> None
 
 def test_one_of_an_earlier_version_is_read_but_not_run_again(g1: RobotModel, tmp_path: Path) -> None:
     path = tmp_path / "old.npz"
-    filled(g1, 5).write(path, "test")
+    filled(g1, 5).record("test").save(path)
     with np.load(path) as data:
         meta = json.loads(str(data["meta"])) | {"format": 1}
         old = {name: data[name] for name in UNITS if name not in ("stamp", "number", "sample_t")}

@@ -34,7 +34,6 @@ def built(robot: Humanoid, folder: Path) -> RobotModel:
 def test_freedoms_are_those_that_the_leg_lacks(robot: Humanoid, free: tuple[bool, ...], tmp_path: Path) -> None:
     model = built(robot, tmp_path)
     assert [foot.free for foot in model.feet] == [free, free]
-    assert [foot.rolls for foot in model.feet] == [free[0]] * 2
     ankles = [(joint.axis, joint.positive) for joint in model.feet[0].ankle]
     assert ankles == ([(WIDTH, True), (LENGTH, True)] if robot.ankle_roll else [(WIDTH, True)])
 
