@@ -96,15 +96,16 @@ def check_path(
                 f"after {time:.2f} s the CoM would be {margin:.3f} m inside the support polygon, at least "
                 f"{bounds.com_margin:.3f} m"
             )
-        if i % every == 0 or i == len(curve.times) - 1:
-            shares = np.abs(model.static_torques(q, data)) / model.tau_max
-            if shares.max() > config.balance.torque_share:
-                k = int(shares.argmax())
-                raise UnreachableError(
-                    f"after {time:.2f} s joint '{names[k]}' would bear {shares[k] * model.tau_max[k]:.3g} N.m, at most "
-                    f"{config.balance.torque_share * model.tau_max[k]:.3g} of its {model.tau_max[k]:.3g} N.m"
-                )
-        if collision.count and (i % every == 0 or i == len(curve.times) - 1):
+        if i % every != 0 and i != len(curve.times) - 1:
+            continue
+        shares = np.abs(model.static_torques(q, data)) / model.tau_max
+        if shares.max() > config.balance.torque_share:
+            k = int(shares.argmax())
+            raise UnreachableError(
+                f"after {time:.2f} s joint '{names[k]}' would bear {shares[k] * model.tau_max[k]:.3g} N.m, at most "
+                f"{config.balance.torque_share * model.tau_max[k]:.3g} of its {model.tau_max[k]:.3g} N.m"
+            )
+        if collision.count:
             distances = collision.distances(q, config.collision.margin)
             allowed = bounds.gaps - config.collision.path_slack
             pair = int((distances - allowed).argmin())
