@@ -11,7 +11,7 @@ from rich.console import Console
 from bridge.analysis.plots import plot_run, plot_walk
 from bridge.analysis.stability import stability_figures
 from bridge.demo.report import Check, conclude, judge, judge_speed, judge_walk
-from bridge.demo.stage import WALK, DemoConfig, SquareWalk, Stage
+from bridge.demo.stage import WALK, DemoConfig, SquareWalk, Stage, timed
 from bridge.launch.graph import Graph
 from bridge.record.recording import Recording
 from bridge.record.render import render_filmstrip
@@ -116,11 +116,7 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
     """Run the demonstration on a profile, with all files in ``out``; returns 0 when every check passed, otherwise 1."""
     console = Console()
     config = default_config(DemoConfig, "bridge", "demo")
-    begin = time.monotonic()
-
-    def say(text: str) -> None:
-        console.print(f"[dim]{time.monotonic() - begin:6.1f} s[/dim]  {text}", highlight=False)
-
+    say = timed(console)
     out.mkdir(parents=True, exist_ok=True)
     latency_file = (out / "latency.npz").resolve()
     latency_file.unlink(missing_ok=True)

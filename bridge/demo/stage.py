@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from pydantic.dataclasses import dataclass
+from rich.console import Console
 from std_msgs.msg import Float64
 
 from bridge.launch.graph import Graph
@@ -53,6 +54,12 @@ class DemoConfig:
     drift_limit: Positive
     walk_wave_steps: Count
     walk_hand_travel: Positive
+
+
+def timed(console: Console) -> Callable[[str], None]:
+    """Function that prints a line with the time since now [s]."""
+    begin = time.monotonic()
+    return lambda text: console.print(f"[dim]{time.monotonic() - begin:6.1f} s[/dim]  {text}", highlight=False)
 
 
 class Stage:

@@ -19,7 +19,7 @@ from std_msgs.msg import Float64, UInt8MultiArray
 
 from bridge.analysis.plots import new_figure
 from bridge.demo.report import CPU, Check, conclude, fell, judge_speed
-from bridge.demo.stage import DemoConfig, Stage
+from bridge.demo.stage import DemoConfig, Stage, timed
 from bridge.launch.graph import Graph
 from bridge.record.recording import Recording
 from bridge.record.render import render_filmstrip
@@ -255,15 +255,12 @@ def cpu_times(pids: Mapping[str, int]) -> dict[str, float]:
 
 def demo_stairs(robot: str = "g1", out: Path = Path("out")) -> int:
     """Climb and descend the flight, with all files in ``out``; returns 0 when every check passed, otherwise 1."""
-    console, begin = Console(), time.monotonic()
+    console = Console()
+    say = timed(console)
     config = default_config(DemoConfig, "bridge", "demo")
     scene = default_config(StairsScene, "bridge", "demo_stairs")
     terrain = terrain_named(scene.terrain)
     way = terrain.patch + 2.0 * ((terrain.count or 1) - 1) * terrain.size + terrain.landing + scene.behind
-
-    def say(text: str) -> None:
-        console.print(f"[dim]{time.monotonic() - begin:6.1f} s[/dim]  {text}", highlight=False)
-
     out.mkdir(parents=True, exist_ok=True)
     model = RobotModel.load(robot)
     parameters = {"robot_driver": {"terrain": scene.terrain}, "range_sensor_node": {"terrain": scene.terrain}}
