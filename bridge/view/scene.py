@@ -1,7 +1,6 @@
 """The robot's meshes, its balance and its footsteps in a viser scene."""
 
 import json
-import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import trimesh
 from bridge.analysis.stability import LOADED_FRACTION, Balance, balance, support_polygon
 from bridge.view.listener import Snapshot, ViewConfig
 from models.constants import GRAVITY
-from models.heading import heading
+from models.heading import heading, turned
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from models.urdf import data_folder
@@ -199,9 +198,8 @@ class BalanceScene:
 
 def outline(hold: Foothold, corners: Matrix, height: float) -> Matrix:
     """Corners of a sole at a foothold, in W (4, 3) [m], from those in its frame (4, 3) [m] and the floor height [m]."""
-    c, s = math.cos(hold.yaw), math.sin(hold.yaw)
-    turned = corners[:, :2] @ np.array([[c, s], [-s, c]])
-    return np.column_stack([turned + np.array([hold.x, hold.y]), np.full(len(corners), height)])
+    places = turned(corners[:, :2], hold.yaw) + np.array([hold.x, hold.y])
+    return np.column_stack([places, np.full(len(corners), height)])
 
 
 def closed(points: Matrix) -> Matrix:
