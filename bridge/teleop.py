@@ -252,19 +252,15 @@ def teleop(
             for deed in deeds:
                 if deed == QUIT:
                     return
-                _do(operator, deed)
+                if deed in operator.services:
+                    operator.call(deed)
+                else:
+                    operator.say(STOP if deed == HALT else deed)
             operator.drive(velocity if any(velocity) else None)
             if (client.mode, commander[0], velocity) != shown:
                 shown = client.mode, commander[0], velocity
                 say(_line(client.mode, commander[0], velocity))
             client.spin(1.0 / config.rate)
-
-
-def _do(operator: Operator, deed: str) -> None:
-    if deed in operator.services:
-        operator.call(deed)
-    else:
-        operator.say(STOP if deed == HALT else deed)
 
 
 def _line(mode: str, commander: str, velocity: Velocity) -> str:

@@ -21,7 +21,7 @@ from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
-from models.nodes.parameters import declare_config, describe
+from models.nodes.parameters import declare, declare_config
 from models.nodes.perception import image_message, info_message
 from models.nodes.qos import EVENT, STATE
 from models.nodes.spin import run
@@ -40,8 +40,8 @@ class CameraNode(PoiseNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("camera_node", **kwargs)
         self._config = declare_config(self, default_config(CameraConfig, "bridge", "camera"))
-        text = describe("Ground of the simulated world, as the driver has it: flat, tiles, box, ...")
-        self._terrain = str(self.declare_parameter("terrain", FLAT, text).value)
+        text = "Ground of the simulated world, as the driver has it: flat, tiles, box, ..."
+        self._terrain = declare(self, "terrain", FLAT, text)
         self._camera: SimulatedCamera | None = None
         self._took = 0.0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -125,7 +126,9 @@ def _ticks(
         if (dt := note.value("dt")) is not None:
             before[note.stamp] = note.stamp - round(dt * NANOSECONDS)
     stamps = sorted(stamp for stamp in run.joints if stamp >= start)
-    skipped = {s for stamp, last in [*starts.items(), *before.items()] for s in _between(stamps, last, stamp)}
+    skipped: set[int] = set()
+    for stamp, last in [*starts.items(), *before.items()]:
+        skipped.update(stamps[bisect_right(stamps, last) : bisect_left(stamps, stamp)])
     period = last = 0
     for stamp in stamps:
         inputs = notes.get(stamp)
@@ -142,11 +145,6 @@ def _ticks(
             report.lost += 1
         yield stamp, sensors, inputs, (stamp - last) / NANOSECONDS if late else None
         last = stamp
-
-
-def _between(stamps: list[int], low: int, high: int) -> list[int]:
-    first, last = np.searchsorted(stamps, [low + 1, high])
-    return stamps[first:last]
 
 
 def _sample(run: RecordedRun, stamp: int, note: TickInputs | None) -> SensorData | None:
