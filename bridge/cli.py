@@ -54,6 +54,8 @@ def _robots() -> list[str]:
 
 
 Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.", autocompletion=_robots)]
+RunningRobot = Annotated[str, typer.Option(help="Robot profile; the one that the running graph names by default.")]
+Key = Annotated[Path | None, typer.Option(help="Sign words with the key in this file.")]
 
 
 def _print_version(requested: bool) -> None:
@@ -249,10 +251,10 @@ def up(
 
 @app.command()
 def view(
-    robot: Annotated[str, typer.Option(help="Robot profile; the one that the running graph names by default.")] = "",
+    robot: RunningRobot = "",
     host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for all of this machine.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="TCP port to listen on.")] = 8080,
-    key: Annotated[Path | None, typer.Option(help="Sign words with the key in this file.")] = None,
+    key: Key = None,
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
@@ -269,9 +271,9 @@ def view(
 
 @app.command()
 def teleop(
-    robot: Annotated[str, typer.Option(help="Robot profile; the one that the running graph names by default.")] = "",
+    robot: RunningRobot = "",
     gamepad: Annotated[Path | None, typer.Option(help="Device, such as /dev/input/js0; keys by default.")] = None,
-    key: Annotated[Path | None, typer.Option(help="Sign words with the key in this file.")] = None,
+    key: Key = None,
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
