@@ -123,22 +123,12 @@ class ForceObserver:
             array[...] = 0.0
         self.update(q, v, tau, measured, fault, 0.0)
 
-    def update(
-        self,
-        q: Vector,
-        v: Vector,
-        tau: Vector,
-        measured: Matrix,
-        fault: Vector,
-        dt: float,
-        doubtful: bool = False,
-    ) -> None:
+    def update(self, q: Vector, v: Vector, tau: Vector, measured: Matrix, fault: Vector, dt: float) -> None:
         """Advance by ``dt`` [s], 0 to start in a steady state, with q (nq,), v (nv,), tau (nj,).
 
-        ``measured`` are readings in the sole frames (2, 6), replaced by the leg torques where ``fault`` is not 0; while
-        a foot sensor is ``doubtful``, no push begins.
+        ``measured`` are readings in the sole frames (2, 6), replaced by the leg torques where ``fault`` is not 0.
         """
-        observe(q, v, tau, measured, fault, doubtful, dt, self.memory)
+        observe(q, v, tau, measured, fault, False, dt, self.memory)
 
     @property
     def push(self) -> PushEstimate:
