@@ -15,7 +15,7 @@ from std_msgs.msg import String
 
 from models.errors import MessageError, PoiseError
 from models.nodes import realtime, topics
-from models.nodes.parameters import describe
+from models.nodes.parameters import declare, describe
 from models.nodes.qos import EVENT, LATCHED, REFUSALS, QosWatch
 from models.nodes.status import StatusMessage, status_from_message, status_to_message
 from models.robot_model import RobotModel
@@ -73,13 +73,10 @@ class PoiseNode(LifecycleNode):
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        robot = self.declare_parameter("robot", "g1", describe("Robot profile, by name or path"))
-        self.robot = str(robot.value)
-        period = self.declare_parameter(
-            "diagnostics_period", 0.2, describe("Time between two diagnostics [s]", low=0.01, high=10.0)
-        )
-        text = describe("Configure and activate at the start, when run as a separate process")
-        self.autostart = bool(self.declare_parameter("autostart", self.AUTOSTART, text).value)
+        self.robot = declare(self, "robot", "g1", "Robot profile, by name or path")
+        period = declare(self, "diagnostics_period", 0.2, "Time between two diagnostics [s]", low=0.01, high=10.0)
+        text = "Configure and activate at the start, when run as a separate process"
+        self.autostart = declare(self, "autostart", self.AUTOSTART, text)
         self._declare_realtime()
         self.active = False
         self._owned: list[tuple[Callable[[Any], Any], Any]] = []
@@ -97,7 +94,7 @@ class PoiseNode(LifecycleNode):
         self._refusals = self.create_publisher(DiagnosticStatus, topics.REFUSALS, REFUSALS)
         self._node_status = self.create_publisher(StatusMessage, topics.NODE_STATUS, EVENT)
         self._last_alarm = -ALARM_PERIOD
-        self.every(float(period.value), self._on_diagnostics_due)
+        self.every(period, self._on_diagnostics_due)
 
     @property
     def model(self) -> RobotModel:
