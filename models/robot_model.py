@@ -169,7 +169,8 @@ class RobotModel:
 
     def _add_frames(self) -> dict[str, int]:
         feet = self.profile.feet
-        soles = {"l_sole": _sole_frame(feet.left), "r_sole": _sole_frame(feet.right)}
+        pair = zip(SOLE_FRAMES, (feet.left, feet.right), strict=True)
+        soles = {name: Frame(link=sole.link, xyz=sole.xyz, rpy=sole.rpy) for name, sole in pair}
         base = {"base_link": Frame(link=self.profile.base_link)}
         ids: dict[str, int] = {}
         for name, frame in (base | soles | self.profile.frames).items():
@@ -261,10 +262,6 @@ def _check_names(profile: Profile, joint_names: tuple[str, ...], urdf: Path) -> 
     for name in profile.joints:
         if name not in joint_names:
             raise RobotModelError(f"{profile.source}: joints: '{name}' is not a moving joint of {urdf}")
-
-
-def _sole_frame(sole: Sole) -> Frame:
-    return Frame(link=sole.link, xyz=sole.xyz, rpy=sole.rpy)
 
 
 def _or_default(value: float | None, default: float) -> float:
