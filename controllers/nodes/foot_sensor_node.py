@@ -17,7 +17,7 @@ from models.constants import FOOT_NAMES
 from models.errors import ConfigError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.messages import WrenchCodec, set_stamp
+from models.nodes.messages import WrenchCodec, set_header
 from models.nodes.parameters import declare_config, declare_ns, declare_period
 from models.nodes.qos import SENSOR, STATE
 from models.nodes.spin import program
@@ -88,8 +88,7 @@ class FootSensorNode(PoiseNode):
 
     def _publish_cop(self, foot: int) -> None:
         message = PointStamped()
-        message.header.frame_id = SOLE_FRAMES[foot]
-        set_stamp(message.header.stamp, self._pairs.stamp)
+        set_header(message, self._pairs.stamp, SOLE_FRAMES[foot])
         message.point.x, message.point.y = self._law.cops[foot].tolist()
         self._cops[foot].publish(message)
 

@@ -10,7 +10,7 @@ from std_msgs.msg import Float32MultiArray, MultiArrayDimension
 
 from models.errors import MessageError
 from models.nodes.interfaces import interface
-from models.nodes.messages import set_stamp
+from models.nodes.messages import set_header
 from models.nodes.services import own_message
 from models.nodes.topics import ODOM_FRAME
 from models.types import Matrix, Vector
@@ -30,8 +30,7 @@ def grid_map_message(stamp: int, centre: Vector, cell: float, layers: Mapping[st
     a valid cell has. In the message rows and columns begin at the largest x and y.
     """
     message = grid_map_type()(layers=list(layers), basic_layers=[basic])
-    set_stamp(message.header.stamp, stamp)
-    message.header.frame_id = ODOM_FRAME
+    set_header(message, stamp, ODOM_FRAME)
     size = len(layers[basic])
     message.info.resolution, message.info.length_x, message.info.length_y = cell, size * cell, size * cell
     message.info.pose.position.x, message.info.pose.position.y = map(float, centre)
@@ -69,8 +68,7 @@ def layer_of(message: Any, name: str) -> Matrix:
 def patches_message(stamp: int, patches: Iterable[tuple[Vector, Matrix]]) -> Any:
     """poise_interfaces/TerrainPatches with a stamp [ns], of normals (3,) and corners (k, 3) [m] in ``odom``."""
     kind, message = own_message("TerrainPatch"), own_message("TerrainPatches")()
-    set_stamp(message.header.stamp, stamp)
-    message.header.frame_id = ODOM_FRAME
+    set_header(message, stamp, ODOM_FRAME)
     for normal, corners in patches:
         patch = kind()
         patch.normal.x, patch.normal.y, patch.normal.z = map(float, normal)

@@ -46,6 +46,12 @@ def set_stamp(stamp: Any, ns: int) -> None:
     stamp.sec, stamp.nanosec = divmod(ns, NANOSECONDS)
 
 
+def set_header(message: Any, stamp: int, frame_id: str) -> None:
+    """Write stamp [ns] and frame of a stamped message."""
+    set_stamp(message.header.stamp, stamp)
+    message.header.frame_id = frame_id
+
+
 def doubles(values: Vector) -> array[float]:
     """Array for a float64 message field: rclpy copies a list element by element."""
     return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())

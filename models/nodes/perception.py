@@ -9,7 +9,7 @@ from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2, PointFiel
 
 from models.camera import Pinhole
 from models.errors import MessageError
-from models.nodes.messages import set_stamp, stamp_ns, to_seconds
+from models.nodes.messages import set_header, stamp_ns, to_seconds
 from models.profile import CAMERA_FRAME
 from models.range_sensor import DEPTH_FRAME, DEPTH_UNIT, POINTS_MAX, PointCloud, check_cloud
 from models.scan import SCAN_FRAME, Scan, check_scan
@@ -25,8 +25,7 @@ def image_message(stamp: int, picture: Picture) -> Any:
     """sensor_msgs/Image with a stamp [ns]."""
     height, width, channels = picture.shape
     message = Image(height=height, width=width, encoding="rgb8", step=width * channels)
-    set_stamp(message.header.stamp, stamp)
-    message.header.frame_id = CAMERA_FRAME
+    set_header(message, stamp, CAMERA_FRAME)
     message.data = array("B", picture.tobytes())
     return message
 
@@ -47,8 +46,7 @@ def depth_message(stamp: int, depth: Matrix) -> Any:
     """sensor_msgs/Image of encoding 16UC1 with a stamp [ns], of depths (height, width) [m]; nan becomes 0."""
     height, width = depth.shape
     message = Image(height=height, width=width, encoding="16UC1", step=2 * width)
-    set_stamp(message.header.stamp, stamp)
-    message.header.frame_id = DEPTH_FRAME
+    set_header(message, stamp, DEPTH_FRAME)
     steps = np.clip(np.rint(np.nan_to_num(depth) / DEPTH_UNIT), 0, 65535)
     message.data = array("B", steps.astype("<u2").tobytes())
     return message
@@ -59,8 +57,7 @@ def cloud_message(stamp: int, cloud: PointCloud) -> Any:
     count = len(cloud.points)
     fields = [PointField(name=x, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, x in enumerate("xyz")]
     message = PointCloud2(height=1, width=count, fields=fields, point_step=12, row_step=12 * count, is_dense=True)
-    set_stamp(message.header.stamp, stamp)
-    message.header.frame_id = cloud.frame
+    set_header(message, stamp, cloud.frame)
     message.data = array("B", cloud.points.astype("<f4").tobytes())
     return message
 
@@ -94,8 +91,7 @@ def cloud_from_message(message: Any) -> PointCloud:
 def info_message(stamp: int, camera: Pinhole, frame: str = CAMERA_FRAME) -> Any:
     """sensor_msgs/CameraInfo with a stamp [ns] of a camera without distortion in an optical frame."""
     message = CameraInfo(height=camera.height, width=camera.width, distortion_model="plumb_bob", d=[0.0] * 5)
-    set_stamp(message.header.stamp, stamp)
-    message.header.frame_id = frame
+    set_header(message, stamp, frame)
     message.k, message.r = camera.matrix.ravel(), np.eye(3).ravel()
     message.p = np.column_stack([camera.matrix, np.zeros(3)]).ravel()
     return message
@@ -121,8 +117,7 @@ def scan_to_message(stamp: int, scan: Scan, period: float) -> Any:
         range_min=scan.range_min,
         range_max=scan.range_max,
     )
-    set_stamp(message.header.stamp, stamp)
-    message.header.frame_id = SCAN_FRAME
+    set_header(message, stamp, SCAN_FRAME)
     message.ranges = array("f", scan.ranges.astype(np.float32).tobytes())
     return message
 

@@ -13,7 +13,7 @@ from models.constants import FOOT_NAMES
 from models.errors import MessageError
 from models.heading import heading
 from models.nodes import topics
-from models.nodes.messages import set_stamp, to_ns
+from models.nodes.messages import set_header, set_stamp, to_ns
 from models.nodes.odometry import QUATERNION_TOLERANCE
 from models.nodes.services import own_message
 from models.robot_model import SOLE_FRAMES
@@ -93,8 +93,7 @@ def steps_from_path(message: Any, soles: Sequence[Foothold]) -> list[Footstep]:
 def path_from_steps(stamp: int, steps: Sequence[Footstep], stamps: Sequence[int] | None = None) -> Any:
     """nav_msgs/Path of footsteps in ``odom``, frame_id the sole; touchdown stamps [ns], the path's when None."""
     path = Path()
-    path.header.frame_id = topics.ODOM_FRAME
-    set_stamp(path.header.stamp, stamp)
+    set_header(path, stamp, topics.ODOM_FRAME)
     for step, t in zip(steps, stamps or [stamp] * len(steps), strict=True):
         slope = (0.0, 0.0) if step.tread is None else step.tread.slope
         path.poses.append(pose_message(step.hold, SOLE_FRAMES[step.foot], t, slope))
@@ -112,8 +111,7 @@ def footstep_message(step: Footstep, time: float) -> Any:
 def pose_message(hold: Foothold, frame_id: str, stamp: int = 0, slope: Point = (0.0, 0.0)) -> Any:
     """geometry_msgs/PoseStamped of a place on the floor, on a slope [-]."""
     message = PoseStamped()
-    message.header.frame_id = frame_id
-    set_stamp(message.header.stamp, stamp)
+    set_header(message, stamp, frame_id)
     position, orientation = message.pose.position, message.pose.orientation
     position.x, position.y, position.z = float(hold.x), float(hold.y), float(hold.z)
     rotation = np.empty((3, 3))
