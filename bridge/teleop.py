@@ -26,10 +26,8 @@ from models.nodes.qos import LATCHED
 from models.nodes.spin import Stop
 from models.robot_model import RobotModel
 from models.types import Velocity
-from planners.gait.config import VelocityConfig
+from planners.gait.config import Axis
 from planners.gait.scaling import load_gait_config
-
-Axis = Literal["forward", "left", "turn"]
 
 Deed = Literal["halt", "walk", "stand", "wave", "E-STOP", "quit"]  #: Immediate action of a key or a button
 Move = Literal["forward", "backward", "left", "right", "turn left", "turn right"]  #: Velocity change of a key
@@ -66,15 +64,6 @@ _MOVES: Mapping[str, tuple[Axis, int]] = {
     "turn left": ("turn", 1),
     "turn right": ("turn", -1),
 }
-
-
-def limits_of(config: VelocityConfig) -> dict[Axis, tuple[float, float]]:
-    """Least and greatest velocity of each axis [m/s], [m/s], [rad/s]."""
-    return {
-        "forward": (-config.backward, config.forward),
-        "left": (-config.lateral, config.lateral),
-        "turn": (-config.turn, config.turn),
-    }
 
 
 class KeyLaw:
@@ -228,7 +217,7 @@ def teleop(
     with ExitStack() as stack:
         descriptor = -1 if gamepad is not None else stack.enter_context(keyboard(sys.stdin))
         client = stack.enter_context(Client(network=network, namespace=namespace))
-        limits = limits_of(load_gait_config(RobotModel.load(robot or client.robot())).velocity)
+        limits = load_gait_config(RobotModel.load(robot or client.robot())).velocity.ranges
         law, pad = KeyLaw(config, limits), None
         if gamepad is not None:
             pad = Gamepad(gamepad, config.gamepad, limits)

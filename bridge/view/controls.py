@@ -127,17 +127,12 @@ class Sticks:
 
     def __init__(self, gui: Any, limits: VelocityConfig, idle: float, report: Callable[[str], object]) -> None:
         self._dead_man, self._report, self._idle = DeadMan(idle), report, idle
-        ends = {
-            "forward [m/s]": (-limits.backward, limits.forward),
-            "left [m/s]": (-limits.lateral, limits.lateral),
-            "turn [rad/s]": (-limits.turn, limits.turn),
-        }
         with gui.add_folder("velocity"):
             hint = f"Publish the sticks' velocity, for {idle:g} s after the last touch."
             self._drive = gui.add_checkbox("drive", initial_value=False, hint=hint)
             self._sliders = [
-                gui.add_slider(label, round(low, 2), round(high, 2), STICK_STEP, 0.0)
-                for label, (low, high) in ends.items()
+                gui.add_slider(f"{axis} [{unit}]", round(low, 2), round(high, 2), STICK_STEP, 0.0)
+                for (axis, (low, high)), unit in zip(limits.ranges.items(), ("m/s", "m/s", "rad/s"), strict=True)
             ]
             gui.add_button("sticks to zero").on_click(lambda _: self._zero())
         for handle in (self._drive, *self._sliders):

@@ -1,12 +1,14 @@
 """Schema of ``config/gait.yaml``, whose lengths are those of a reference leg; ``scaling.py`` fits it to a robot."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, Fraction, NonNegative, Positive, Proportion, Share
 from models.constants import GRAVITY
+
+Axis = Literal["forward", "left", "turn"]  #: Component of a walking velocity
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -96,6 +98,15 @@ class VelocityConfig:
     turn: Positive  #: Largest turning speed [rad/s]
     acceleration: Positive  #: Of the linear velocities [m/s^2]
     turn_acceleration: Positive  #: Of the turning speed [rad/s^2]
+
+    @property
+    def ranges(self) -> dict[Axis, tuple[float, float]]:
+        """Least and greatest velocity of each axis [m/s], [m/s], [rad/s]."""
+        return {
+            "forward": (-self.backward, self.forward),
+            "left": (-self.lateral, self.lateral),
+            "turn": (-self.turn, self.turn),
+        }
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
-from bridge.teleop import Gamepad, KeyLaw, TeleopConfig, limits_of
+from bridge.teleop import Gamepad, KeyLaw, TeleopConfig
 from models.config import default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel
@@ -18,7 +18,7 @@ CONFIG = default_config(TeleopConfig, "bridge", "teleop")
 
 @pytest.fixture
 def law(g1: RobotModel) -> KeyLaw:
-    return KeyLaw(CONFIG, limits_of(load_gait_config(g1).velocity))
+    return KeyLaw(CONFIG, load_gait_config(g1).velocity.ranges)
 
 
 def test_keys_change_the_velocity_by_steps_and_space_halts(law: KeyLaw) -> None:
