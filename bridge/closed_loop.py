@@ -383,7 +383,10 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         if self.black_box is not None:
             self.black_box.tick(lockstep)
         if self._record_ticks and lockstep.tick % self._record_ticks == 0:
-            self.log.add(self.plant.truth, self.plant.com, self.state, self.result, self.mode, self.gait)
+            self._add_row()
+
+    def _add_row(self) -> None:
+        self.log.add(self.plant.truth, self.plant.com, self.state, self.result, self.mode, self.gait)
 
     def _note(self, text: str) -> None:
         self.events.append((self.t, text))
