@@ -10,12 +10,13 @@ none active the robot is ``damped``, with one the start begins anew. While they 
 unless the operator requests damping. ``gantry`` waits for the operator's confirmation that the robot hangs from a
 gantry, ``hanging`` for ``lower``. The robot must hang upright, without load on its feet, at the confirmation and
 until it is ``hanging``. One that topples before it stands by itself is damped, and none is put on its feet under a
-hold of the monitors. ``held`` is stiff in the standing posture until the load on the feet, which follows from the
-joint torques, equals the weight. The stiff hold includes the torques of that load at the measured posture: gravity
-does not weaken its springs, and a CoM beside that of the model makes the robot lean less. ``loaded`` stays stiff
-until the joint drivers execute commands, which then replace the stiff hold over the time ``fade``; a robot that is
-lifted before that is ``held`` again. ``damped`` waits for the operator to hang the robot up; when the vendor's
-controller becomes active, commands end, and the start begins again.
+hold of the monitors. One whose driver hung, or whose clock leapt, for longer than ``sensor_timeout`` of
+``controllers/config/motor_driver.yaml`` is damped from the measured torques. ``held`` is stiff in the standing posture
+until the load on the feet, which follows from the joint torques, equals the weight. The stiff hold includes the torques
+of that load at the measured posture: gravity does not weaken its springs, and a CoM beside that of the model makes the
+robot lean less. ``loaded`` stays stiff until the joint drivers execute commands, which then replace the stiff hold over
+the time ``fade``; a robot that is lifted before that is ``held`` again. ``damped`` waits for the operator to hang the
+robot up; when the vendor's controller becomes active, commands end, and the start begins again.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bridge.driver.start_commands import StartCommands, StartState, StartupConfig, stiff_hold_acts
+from controllers.joints.motor_driver import MotorDriverConfig
 from models.config import default_config
 from models.errors import CommandError
 from models.robot_model import RobotModel
@@ -53,6 +55,7 @@ class StartInputs(NamedTuple):
     tilt: float = 0.0  # of the base [rad]
     driven: bool = False  # the joint drivers execute commands
     stop: str = ""  # reason to damp at once
+    jumped: bool = False  # the robot's clock, so that the time since the last tick is unknown
     stale: float = 0.0  # since the sample came [s]
     holds: Sequence[str] = ()  # of the monitors
     pressed: str = ""  # stop button of the remote controller
@@ -78,6 +81,7 @@ class Startup:
     ) -> None:
         self._own = own
         self.config = config or default_config(StartupConfig, "bridge", "startup")
+        self._tick_max = default_config(MotorDriverConfig, "controllers", "motor_driver").sensor_timeout  # [s]
         self.model = model
         self.state = StartState.LISTEN
         self.reason = ""  #: Why the robot is damped, or was not released
@@ -246,6 +250,10 @@ class Startup:
         self._doubts, self._monitor_holds, self._vendor = inputs.doubts, inputs.holds, inputs.vendor
         if self._crashed and self.state is StartState.LISTEN and np.isfinite(sensors.tau).all():
             self._drives.fade_from(sensors.tau)  # of the command that the last driver left
+        if self.commands and (dt > self._tick_max or inputs.jumped):
+            self._drives.fade_from(sensors.tau)  # the last command may no longer be in force: the guard has damped
+            stop = inputs.stop or f"{dt:.3f} s between two ticks of the driver, {self._tick_max:g} s at most"
+            inputs = inputs._replace(stop=stop)
         self._elapsed += dt
         share = min(dt / config.load_window, 1.0)
         self.tilt = self.tilt + share * (inputs.tilt - self.tilt) if np.isfinite(self.tilt) else inputs.tilt

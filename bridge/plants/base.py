@@ -95,6 +95,11 @@ class HardwarePlant(Plant, Protocol):
         """Reason to damp at once: the remote controller or a monitor; empty for none."""
 
     @property
+    def jumped(self) -> bool:
+        """Whether the robot's clock has jumped: it was restarted, or nothing has read it for too long."""
+        return False
+
+    @property
     def pressed(self) -> str:
         """Stop button that is pressed on the remote controller, other than to try it; empty for none."""
         return ""

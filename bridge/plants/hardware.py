@@ -312,6 +312,7 @@ class RealPlant(HardwarePlant):
         self._marker = RunMarker(Path(marker) if marker else state_folder(name) / where)
         self.guard = GuardWatch(period)  #: Of its heartbeats
         self._stop = ""
+        self._jumped = False  # clock of the robot, in the newest ``read``
         self._closed = False
         self._link: CommandSender
 
@@ -342,6 +343,10 @@ class RealPlant(HardwarePlant):
     def stop(self) -> str:
         """Reason to damp, of the newest ``read``."""
         return self._stop
+
+    @property
+    def jumped(self) -> bool:
+        return self._jumped
 
     @property
     def _sampled(self) -> bool:

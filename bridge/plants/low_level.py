@@ -94,7 +94,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         self._waiting: list[Any] = []  # taken from the link, and not read yet
 
     def read(self) -> SensorData:
-        self._stop, self._pressed = "", frozenset()
+        self._stop, self._pressed, self._jumped = "", frozenset(), False
         if self._closed:
             return self._sensors
         self.guard.step(self._link.beats())
@@ -107,7 +107,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         for sample in samples:
             self._accept(sample)
         if self._clock.restarts > self._restarts_seen:
-            self._restarts_seen = self._clock.restarts
+            self._restarts_seen, self._jumped = self._clock.restarts, True
             self._stop = self._stop or "the robot's clock has jumped: it was restarted"
         if not self._stop and self.monitor.damps:
             self._stop = "; ".join(self.monitor.damps)

@@ -76,7 +76,7 @@ class Ros2ControlPlant(RealPlant):
         self._link: ControlLink = RosLink(domain, config, self._sources, self._codec.kind) if link is None else link
 
     def read(self) -> SensorData:
-        self._stop = ""
+        self._stop, self._jumped = "", False
         if self._closed:
             return self._sensors
         self.guard.step(self._link.beats())
@@ -134,7 +134,7 @@ class Ros2ControlPlant(RealPlant):
 
     def _reason_to_stop(self) -> str:
         if self._clock.restarts > self._restarts_seen:
-            self._restarts_seen = self._clock.restarts
+            self._restarts_seen, self._jumped = self._clock.restarts, True
             return "the robot's clock has jumped: it was restarted"
         if self.counter.silence > self.config.silent_max and JOINTS in self._why:
             return f"{JOINTS}: refused: {self._why[JOINTS]}"

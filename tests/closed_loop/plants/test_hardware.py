@@ -21,9 +21,10 @@ from bridge.hardware_loop import HardwareLoop, Process
 from bridge.launch.ending import EndConfig
 from bridge.plants.deviation import Deviation
 from bridge.plants.hardware import real_robot
-from bridge.plants.unitree.codec import BUTTONS
+from bridge.plants.unitree.codec import BUTTONS, joint_command
 from bridge.plants.unitree.wire import read_low_cmd
 from controllers.estimation.assembler import mean_sample
+from controllers.joints.joint_servo import drive_torque
 from models.config import default_config
 from models.errors import CommandError, MessageError, PoiseError
 from models.robot_model import RobotModel
@@ -251,6 +252,25 @@ def test_after_a_crash_the_next_driver_only_damps(standing: HardwareLoop, tmp_pa
     assert not standing.guard.active
     standing.plant.close()
     assert not (tmp_path / "marker").exists()
+
+
+def torque(loop: HardwareLoop) -> Vector:
+    """That of the newest command on the cable at the present state (nj,) [N.m]."""
+    sensors = loop.side.read()
+    return drive_torque(loop.robot, joint_command(read_low_cmd(loop.link.sent[-1]), loop.robot.nj), sensors.q, sensors.v)
+
+
+@pytest.mark.parametrize("state", [StartState.PREPARE, pytest.param(StartState.HELD, marks=pytest.mark.long)])
+def test_a_driver_that_hung_goes_on_with_damping(loop: HardwareLoop, state: StartState) -> None:
+    """The guard has damped meanwhile, and the joints have sunk away from the stiff hold."""
+    loop.start(state)
+    loop.run(0.05)
+    loop.running.discard(Process.DRIVER)
+    loop.run(1.5)
+    loop.running.add(Process.DRIVER)
+    loop.link.sent.clear()
+    loop.step()
+    assert loop.startup.state is StartState.DAMPED and np.abs(torque(loop)).max() < 10.0
 
 
 @pytest.mark.long

@@ -81,6 +81,22 @@ def test_every_state_after_the_release_may_be_left_to_damping(bench: Bench, stat
     assert not command.kp.any() and not command.tau.any() and command.kd.min() > 0.0
 
 
+@pytest.mark.parametrize("state", [StartState.PREPARE, StartState.HELD, StartState.STAND])
+@pytest.mark.parametrize(("leap", "inputs"), [(0.1, {}), (0.0, {"jumped": True})])
+def test_a_driver_that_hung_damps_from_the_measured_torques(
+    bench: Bench, state: StartState, leap: float, inputs: dict[str, bool]
+) -> None:
+    """Which are zero here: the guard has damped."""
+    bench.reach(state)
+    bench.run(0.1)
+    bench.t += leap
+    bench.inputs |= inputs
+    command = bench.tick()
+    assert bench.startup.state is StartState.DAMPED and "between two ticks of the driver" in bench.startup.reason
+    assert command is not None and command.kp is not None
+    assert not command.kp.any() and not command.tau.any()
+
+
 def test_a_stop_during_the_release_damps_as_soon_as_the_robots_own_controller_has_ended(g1: RobotModel) -> None:
     bench = Bench(g1, own="Unitree's controller")
     bench.reach(StartState.RELEASE)
