@@ -297,8 +297,8 @@ class CommandSender(Protocol):
 class RealPlant(HardwarePlant):
     """Period, mark and end of the plant of a real robot.
 
-    ``close`` fades the torque of the last command into damping; a robot that this driver has not commanded gets no
-    command, and the mark of a crash stays. ``name`` is that of the plant, ``where`` that of the robot's interface and
+    ``close`` fades the torque of the last command into damping, from where the guard is that has begun to after
+    ``silence_max``; a robot that this driver has not commanded gets no command, and the mark of a crash stays. ``name`` is that of the plant, ``where`` that of the robot's interface and
     domain; they name the file of the mark where ``marker`` is empty. ``period`` is the time between two samples [s].
     """
 
@@ -308,7 +308,7 @@ class RealPlant(HardwarePlant):
         nothing, three = np.full(model.nj, np.nan), np.full(3, np.nan)
         self._sensors = SensorData(0.0, nothing, nothing, nothing, three, three, np.full((2, 6), np.nan))
         self._model = model
-        self._sent = b""  # the last command
+        self._sent, self._sent_at = b"", 0.0  # the last command, when it was sent on the monotonic clock [s]
         self._marker = RunMarker(Path(marker) if marker else state_folder(name) / where)
         self.guard = GuardWatch(period)  #: Of its heartbeats
         self._stop = ""
@@ -365,9 +365,10 @@ class RealPlant(HardwarePlant):
             return
         if self._marker.made:
             last, config = self._decode_command(self._sent), real_robot()
+            faded = max(time.monotonic() - self._sent_at - config.silence_max, 0.0)  # by the guard [s]
             for count in range(round(config.close_time / config.command_period)):
                 self.read()
-                command = fade_to_damping(self._model, last, count * config.command_period)
+                command = fade_to_damping(self._model, last, faded + count * config.command_period)
                 self._send(command)
                 time.sleep(config.command_period)
             self._finish()
@@ -376,7 +377,7 @@ class RealPlant(HardwarePlant):
         self._link.close()
 
     def _send(self, command: JointCommand) -> None:
-        self._sent = self._encode_command(command)
+        self._sent, self._sent_at = self._encode_command(command), time.monotonic()
         self._link.send(self._sent)
 
     def _encode_command(self, command: JointCommand) -> bytes:

@@ -6,6 +6,7 @@ Bytes of LowState and LowCmd pass between them as on the network; only the netwo
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import mujoco
@@ -350,6 +351,20 @@ def test_close_damps(standing: HardwareLoop) -> None:
     motors = read_low_cmd(standing.link.sent[-1])["motor_cmd"][:29]
     assert motors["kd"].min() > 0.0 and not motors["tau"].any()
     assert "configure it again" in standing.plant.findings[0]
+
+
+def test_close_after_a_hang_goes_on_with_the_damping_of_the_guard(
+    loop: HardwareLoop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = SimpleNamespace(monotonic=lambda: loop.t, sleep=lambda _: None)
+    monkeypatch.setattr("bridge.plants.hardware.time", clock)
+    loop.start(StartState.PREPARE)
+    loop.run(0.2)
+    loop.running.discard(Process.DRIVER)
+    loop.run(1.5)
+    loop.link.sent.clear()
+    loop.plant.close()
+    assert all(map(damping, loop.link.sent)) and not read_low_cmd(loop.link.sent[0])["motor_cmd"]["tau"].any()
 
 
 def speeds(loop: HardwareLoop, time: float) -> tuple[float, float]:
