@@ -171,7 +171,7 @@ class HardwareDrivers(Drivers):
         inputs = StartInputs(
             sensors, findings, doubts, vendor, self._load.load, self._load.error, self._load.tilt,
             driven=self.awaits_command and servo.commanded, stop=stop, stale=self.stale, holds=self.plant.holds,
-            pressed=self.plant.pressed, jumped=self.plant.jumped,
+            pressed=self.plant.pressed, jumped=self.plant.jumped, foreign=self.plant.foreign,
         )  # fmt: skip
         if startup.update(inputs) is StartState.RELEASE:
             self.plant.release_vendor()

@@ -59,6 +59,7 @@ class StartInputs(NamedTuple):
     stale: float = 0.0  # since the sample came [s]
     holds: Sequence[str] = ()  # of the monitors
     pressed: str = ""  # stop button of the remote controller
+    foreign: bool = False  # commands of another program are present
 
 
 class Startup:
@@ -113,10 +114,10 @@ class Startup:
             return f"{_WAITS[state]}{before}"
         if state is StartState.LISTEN and self._crashed:
             return self._unknown
+        then = f", then it is damped ({self._stopped})" if self._stopped else ""
         if state is StartState.LISTEN:
-            return ("; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s") + before
+            return ("; ".join(self._findings) or f"checks to pass for {config.listen_time:g} s") + then + before
         if state is StartState.RELEASE:
-            then = f", then it is damped ({self._stopped})" if self._stopped else ""
             return ("; ".join(self._findings) or self._released) + then
         if state is StartState.DAMP:
             return f"the joints to be slower than {config.rest_speed:g} rad/s for {config.settle_time:g} s"
@@ -211,7 +212,7 @@ class Startup:
         return "the joints move to the standing posture"
 
     def damp(self, reason: str) -> str:
-        """Damp the robot at once, in ``release`` as soon as the vendor's controller has ended.
+        """Damp the robot at once, in ``release`` as soon as the vendor's controller has ended, even after a failed check.
 
         This is refused where the vendor's controller is in command, or may be, but not after a crash, where the
         operator sees what the messages do not say.
@@ -266,6 +267,9 @@ class Startup:
             self.damp(inputs.pressed)
         elif self._crashed:
             self._recover(inputs, dt)
+        elif self._stopped and self.state is StartState.LISTEN and not inputs.vendor:
+            if self._holds(self._limp and not inputs.foreign, dt, config.quiet_time):
+                self.damp(self._stopped)
         elif inputs.stop:
             self._stop(inputs)
         elif self.state in _STIFF and self._toppled > config.topple_time:
@@ -333,7 +337,9 @@ class Startup:
         return ""
 
     def _enter(self, state: StartState) -> None:
-        self.state, self._elapsed, self._good, self._stopped = state, 0.0, 0.0, ""
+        self.state, self._elapsed, self._good = state, 0.0, 0.0
+        if state is not StartState.LISTEN:  # where the vendor's controller may end after a release that was given up
+            self._stopped = ""
         if state not in (StartState.DAMPED, *BEFORE_RELEASE):
             self.reason = ""
 

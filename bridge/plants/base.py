@@ -95,6 +95,11 @@ class HardwarePlant(Plant, Protocol):
         """Reason to damp at once: the remote controller or a monitor; empty for none."""
 
     @property
+    def foreign(self) -> bool:
+        """Whether commands of another program are on the robot's network."""
+        return False
+
+    @property
     def jumped(self) -> bool:
         """Whether the robot's clock has jumped: it was restarted, or nothing has read it for too long."""
         return False

@@ -208,6 +208,10 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         return (*self.monitor.holds, *super().holds)
 
     @property
+    def foreign(self) -> bool:
+        return self.monitor.foreign
+
+    @property
     def monitored(self) -> Mapping[str, str]:
         return self.monitor.values
 

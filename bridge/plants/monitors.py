@@ -47,6 +47,7 @@ class HardwareMonitor:
         self.warnings: tuple[str, ...] = ()
         self.holds: tuple[str, ...] = ()
         self.damps: tuple[str, ...] = ()
+        self.foreign = False  #: Whether commands of other programs are on the network
         self._sample: LowSample | None = None
 
     @property
@@ -65,6 +66,7 @@ class HardwareMonitor:
         self._saturated += share * ((np.abs(sample.sensors.tau) >= self._torque_limit) - self._saturated)
         self._sample = sample
         others = self._foreign.step(foreign, dt, self._hardware.own_commands if own else None)
+        self.foreign = others is not None
         found = [finding for finding in (*self._find(sample), others) if finding is not None]
         t = sample.sensors.t
         present = {}

@@ -271,6 +271,10 @@ class Ros2ControlPlant(RealPlant):
         """Other programs and a silent guard; ros2_control has no standard topics of temperatures and voltages."""
         return *self._others_at(Level.HOLD), *super().holds
 
+    @property
+    def foreign(self) -> bool:
+        return self._others is not None
+
     def _others_at(self, level: Level) -> tuple[str, ...]:
         return () if self._others is None or self._others.level is not level else (self._others.reason,)
 

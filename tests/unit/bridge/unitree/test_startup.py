@@ -112,6 +112,22 @@ def test_a_stop_during_the_release_damps_as_soon_as_the_robots_own_controller_ha
     assert "button B" in bench.startup.waits_for
 
 
+@pytest.mark.parametrize("stop", ["motor temperature", ""])
+def test_a_stop_during_the_release_is_kept_when_a_check_fails(g1: RobotModel, stop: str) -> None:
+    bench = Bench(g1, own="Unitree's controller")
+    bench.reach(StartState.RELEASE)
+    bench.startup.damp("button B")
+    bench.inputs |= {"findings": ("motor temperature",), "stop": stop, "vendor": "ai" if stop else ""}
+    bench.run(5.1)
+    assert bench.startup.state is StartState.LISTEN and "then it is damped (button B)" in bench.startup.waits_for
+    bench.inputs |= {"vendor": "", "foreign": True}
+    bench.run(0.3)
+    assert bench.startup.state is StartState.LISTEN
+    bench.inputs["foreign"] = False
+    bench.run(0.11)
+    assert bench.startup.state is StartState.DAMPED and "button B" in bench.startup.waits_for
+
+
 @pytest.mark.parametrize("state", [StartState.LISTEN, StartState.GANTRY])
 def test_before_the_release_a_stop_begins_again_and_commands_nothing(bench: Bench, state: StartState) -> None:
     bench.reach(state)
