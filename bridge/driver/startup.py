@@ -212,10 +212,10 @@ class Startup:
         return "the joints move to the standing posture"
 
     def damp(self, reason: str) -> str:
-        """Damp the robot at once, in ``release`` as soon as the vendor's controller has ended, even after a failed check.
+        """Damp the robot at once, in ``release`` as soon as the vendor's controller has ended.
 
-        This is refused where the vendor's controller is in command, or may be, but not after a crash, where the
-        operator sees what the messages do not say.
+        A check that fails meanwhile does not cancel it. It is refused where the vendor's controller is in command, or
+        may be, but not after a crash, where the operator sees what the messages do not say.
         """
         if self.state is StartState.RELEASE and self._vendor != "":
             self._stopped = self._stopped or reason

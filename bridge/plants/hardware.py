@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from enum import IntEnum
 from functools import cache
+from io import FileIO
 from pathlib import Path
-from typing import Annotated, NamedTuple, Protocol, TextIO
+from tempfile import TemporaryFile
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -230,50 +232,67 @@ class SampleCounter:
 class RunMarker:
     """A file that exists while a driver commands the robot, locked by its process, whose number is in it.
 
-    ``crashed`` is whether one was left by a driver that is gone. Raises ``ConfigError`` where its process is alive.
+    ``crashed`` is whether one was left by a driver that is gone. Raises ``ConfigError`` where its process is alive, and
+    where there is none and none can be written. Later errors of the file system are ``failure``.
     """
 
     def __init__(self, file: Path) -> None:
         self._file = file
-        self._locked: TextIO | None = None
+        self._locked: FileIO | None = None
         self.made = False  #: Whether this driver has commanded the robot
-        self.crashed = file.exists() and self._lock()
+        self.failure = ""  #: Why the run is not marked
+        self.crashed = file.exists() and self._lock() is not None
         self._unlock()
-        if file.exists() and not self.crashed:
+        if self.crashed:
+            return
+        if file.exists():
             raise ConfigError(
                 f"process {file.read_text(encoding='utf-8').strip()} is the driver of another 'poise up' and commands "
                 "this robot: end that with Ctrl-C before another one is started"
             )
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with TemporaryFile(dir=file.parent, buffering=0) as trial:
+                trial.write(b"\n")
+        except OSError as error:
+            raise ConfigError(
+                f"{file.parent} cannot be written, where a driver that commands the robot leaves its mark: {error}; "
+                "free space there, or set XDG_STATE_HOME to another folder"
+            ) from error
 
     def make(self) -> None:
         """Mark the run, before the first command."""
-        if not self.made:
-            self.made = True
+        if self.made:
+            return
+        self.made = True
+        try:
             self._file.parent.mkdir(parents=True, exist_ok=True)
-            self._lock()
+            if (locked := self._lock()) is not None:
+                locked.truncate(0)
+                locked.write(f"{os.getpid()}\n".encode())
+        except OSError as error:
+            self.failure = f"the mark of this run is incomplete, and a crash of the driver may not be known: {error}"
 
     def remove(self) -> None:
         """Mark the end, after the last command; the next command begins another run."""
         self.made = self.crashed = False
-        if self._file.exists() and self._lock():
-            with suppress(OSError):
+        self.failure = ""
+        with suppress(OSError):
+            if self._file.exists() and self._lock() is not None:
                 self._file.unlink(missing_ok=True)
         self._unlock()
 
-    def _lock(self) -> bool:
-        """Lock the file until this process ends; false where another process has."""
+    def _lock(self) -> FileIO | None:
+        """Lock the file until this process ends; None where another process has."""
         if self._locked is None:
-            file = self._file.open("a+", encoding="utf-8")
+            file = FileIO(self._file, "a+")
             try:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 file.close()
-                return False
-            file.truncate(0)
-            file.write(f"{os.getpid()}\n")
-            file.flush()
+                return None
             self._locked = file
-        return True
+        return self._locked
 
     def _unlock(self) -> None:
         if self._locked is not None:
@@ -298,8 +317,9 @@ class RealPlant(HardwarePlant):
     """Period, mark and end of the plant of a real robot.
 
     ``close`` fades the torque of the last command into damping, from where the guard is that has begun to after
-    ``silence_max``; a robot that this driver has not commanded gets no command, and the mark of a crash stays. ``name`` is that of the plant, ``where`` that of the robot's interface and
-    domain; they name the file of the mark where ``marker`` is empty. ``period`` is the time between two samples [s].
+    ``silence_max``; a robot that this driver has not commanded gets no command, and the mark of a crash stays. ``name``
+    is that of the plant, ``where`` that of the robot's interface and domain; they name the file of the mark where
+    ``marker`` is empty. ``period`` is the time between two samples [s].
     """
 
     def __init__(self, model: RobotModel, name: str, where: str, marker: str, period: float) -> None:
@@ -331,8 +351,8 @@ class RealPlant(HardwarePlant):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """That of a silent guard."""
-        return self.guard.warnings
+        """That of a silent guard, and of a run that is not marked."""
+        return (*self.guard.warnings, *filter(None, [self._marker.failure]))
 
     @property
     def holds(self) -> tuple[str, ...]:

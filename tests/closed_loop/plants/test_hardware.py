@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import mujoco
 import numpy as np
@@ -25,7 +25,7 @@ from bridge.plants.hardware import real_robot
 from bridge.plants.unitree.codec import BUTTONS, joint_command
 from bridge.plants.unitree.wire import read_low_cmd
 from controllers.estimation.assembler import mean_sample
-from controllers.joints.joint_servo import drive_torque
+from controllers.joints.joint_servo import damping_command, drive_torque
 from models.config import default_config
 from models.errors import CommandError, MessageError, PoiseError
 from models.robot_model import RobotModel
@@ -258,7 +258,9 @@ def test_after_a_crash_the_next_driver_only_damps(standing: HardwareLoop, tmp_pa
 def torque(loop: HardwareLoop) -> Vector:
     """That of the newest command on the cable at the present state (nj,) [N.m]."""
     sensors = loop.side.read()
-    return drive_torque(loop.robot, joint_command(read_low_cmd(loop.link.sent[-1]), loop.robot.nj), sensors.q, sensors.v)
+    return drive_torque(
+        loop.robot, joint_command(read_low_cmd(loop.link.sent[-1]), loop.robot.nj), sensors.q, sensors.v
+    )
 
 
 @pytest.mark.parametrize("state", [StartState.PREPARE, pytest.param(StartState.HELD, marks=pytest.mark.long)])
@@ -351,6 +353,15 @@ def test_close_damps(standing: HardwareLoop) -> None:
     motors = read_low_cmd(standing.link.sent[-1])["motor_cmd"][:29]
     assert motors["kd"].min() > 0.0 and not motors["tau"].any()
     assert "configure it again" in standing.plant.findings[0]
+
+
+def test_a_run_that_cannot_be_marked_is_commanded_with_a_warning(
+    loop: HardwareLoop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop.run(0.5)
+    monkeypatch.setattr("bridge.plants.hardware.FileIO", Mock(side_effect=OSError("no space left")))
+    loop.plant.write(damping_command(loop.robot))
+    assert loop.link.sent and "no space left" in loop.plant.warnings[-1]
 
 
 def test_close_after_a_hang_goes_on_with_the_damping_of_the_guard(

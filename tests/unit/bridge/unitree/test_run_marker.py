@@ -1,7 +1,10 @@
 """The mark of an unfinished run: of a driver that is alive, of one that was killed, and its end."""
 
+import resource
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -37,3 +40,35 @@ def test_a_mark_of_a_driver_that_is_alive_refuses_another_and_outlives_it(root: 
     after.make()
     after.remove()
     assert not file.exists() and not RunMarker(file).crashed
+
+
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """No file can grow."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match=f"{tmp_path}/file cannot be written"):
+        RunMarker(tmp_path / "file" / "lo-1")
+    with full_disk(), pytest.raises(ConfigError, match=f"{tmp_path} cannot be written"):
+        RunMarker(tmp_path / "lo-1")
+
+
+def test_a_disk_that_is_full_later_stops_neither_this_driver_nor_the_next(tmp_path: Path) -> None:
+    marker = RunMarker(tmp_path / "lo-1")
+    with full_disk():
+        marker.make()
+        assert marker.made and "the mark of this run is incomplete" in marker.failure
+        del marker  # which unlocks it, as the end of its process does
+        after = RunMarker(tmp_path / "lo-1")
+        after.make()
+        assert after.crashed and after.failure
+        after.remove()
+    assert not (tmp_path / "lo-1").exists() and not after.failure
