@@ -192,10 +192,17 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
     def hand_over(self) -> None:
         if (self._marker.made or self.guard.armed) and self._sampled and not self._closed:
             self.guard.armed = False
-            data = self._encode_command(damping_command(self._model), last=True)
-            for _ in range(real_robot().last_commands):
-                self._link.send(data)
+            self._end_guard()
         self._marker.remove()
+
+    def _finish(self) -> None:
+        self._end_guard()
+
+    def _end_guard(self) -> None:
+        """Send the last damping command, which the robot keeps and after which the guard sends none."""
+        data = self._encode_command(damping_command(self._model), last=True)
+        for _ in range(real_robot().last_commands):
+            self._link.send(data)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -349,7 +349,11 @@ def test_a_crashed_driver_that_has_commanded_nothing_ends_without_a_command(loop
 def test_close_damps(standing: HardwareLoop) -> None:
     standing.link.sent.clear()
     standing.plant.close()
-    assert all(map(damping, standing.link.sent[80:])) and len(standing.link.sent) == 100
+    assert all(map(damping, standing.link.sent[80:])) and len(standing.link.sent) == 105
+    assert [bool(read_low_cmd(data)["reserve"][3]) for data in standing.link.sent] == 100 * [False] + 5 * [True]
+    standing.running.discard(Process.DRIVER)
+    standing.run(0.1)
+    assert not standing.guard.armed and len(standing.link.sent) == 105  # the robot's own controller may take over
     motors = read_low_cmd(standing.link.sent[-1])["motor_cmd"][:29]
     assert motors["kd"].min() > 0.0 and not motors["tau"].any()
     assert "configure it again" in standing.plant.findings[0]
