@@ -14,7 +14,7 @@ class SilenceGuard:
     """Measures the silence of the driver; a guard of one protocol receives its commands and makes damping ones.
 
     The torque of the last command fades into damping, as the driver's own would. The guard has no effect before the
-    first command of the driver with the same ``session``; another driver's commands are foreign. ``active``
+    first command of the driver with the same ``session``; others are foreign. ``active``
     is whether the guard commands, ``interventions`` counts how often it began to.
     """
 
@@ -29,7 +29,7 @@ class SilenceGuard:
         self.active = False
         self.interventions = 0
         self.refused = 0  #: Messages that cannot be used
-        self.foreign = 0  #: Commands of neither the driver nor a guard
+        self.foreign = 0  #: Commands of neither the driver nor the guard of this graph
 
     @property
     def armed(self) -> bool:

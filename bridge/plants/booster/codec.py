@@ -163,7 +163,7 @@ class BoosterCodec:
 
     The joints of ``model`` may have another order than the motors, which are those of ``config``; ``ConfigError`` for a
     robot with other joints. Values of the feet are nan: the robot does not measure them. A LowCmd carries the
-    ``session`` of its driver; with ``guard`` it is one of the guard.
+    ``session`` of its graph; with ``guard`` it is one of the guard.
     """
 
     def __init__(
@@ -233,6 +233,6 @@ class BoosterCodec:
         return bytes(steps.astype(np.uint8)) if ((steps >= 0.0) & (steps < 256.0)).all() else b""
 
     def is_foreign(self, data: bytes) -> bool:
-        """Whether a serialised LowCmd is neither of the driver with this session nor of a guard."""
+        """Whether a serialised LowCmd is of neither driver nor guard with this session."""
         mark = self.mark(data)
-        return mark[:1] != bytes([GUARD_MARK]) and mark[:-1] != self._mark.tobytes()
+        return mark[1:-1] != self._mark[1:].tobytes() or mark[0] not in (MARK, GUARD_MARK)

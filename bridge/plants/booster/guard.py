@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from bridge.plants.booster.codec import GUARD_MARK, MARK, BoosterCodec, read_config
+from bridge.plants.booster.codec import MARK, BoosterCodec, read_config
 from bridge.plants.booster.link import COMMAND
 from bridge.plants.guard import SilenceGuard
 from bridge.plants.hardware import RobotClock, real_robot, session
@@ -21,17 +21,18 @@ class BoosterGuard(SilenceGuard):
     def __init__(self, model: RobotModel, options: Mapping[str, Any]) -> None:
         super().__init__(model)
         config = read_config(options)
-        self._codec = BoosterCodec(model, config, RobotClock(1.0 / config.rate, real_robot().gap_max), guard=True)
+        clock = RobotClock(1.0 / config.rate, real_robot().gap_max)
+        self._codec = BoosterCodec(model, config, clock, session(), guard=True)
         self._data = b""  # the driver's last command
 
     def receive(self, data: bytes, now: float) -> None:
         """A LowCmd from the network at a time [s]."""
         mark = self._codec.mark(data)
-        if mark[:-1] != bytes([MARK]) + session().to_bytes(4, "little"):
-            self.foreign += int(mark[:1] != bytes([GUARD_MARK]))
+        if self._codec.is_foreign(data):
+            self.foreign += 1
         elif mark[-1]:
             self._disarm()
-        else:
+        elif mark[0] == MARK:
             self._on_command(now)
             self._data = data
 

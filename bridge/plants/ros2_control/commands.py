@@ -27,7 +27,8 @@ from models.nodes.messages import decode
 from models.robot_model import RobotModel
 from models.types import JointCommand, Vector
 
-DRIVER, GUARD = "poise_driver", "poise_guard"  #: Marks of the senders; a driver's goes on with its session
+#: Begin of a driver's mark, which goes on with its session, and mark of the guard of this process's graph
+DRIVER, GUARD = "poise_driver", f"poise_guard_{session():08x}"
 #: Shares of the rotor's inertia over the longest delay, and of kd over it, with which the loop of gains is stable
 DAMPING_SHARE, STIFFNESS_SHARE = 1.2, 0.4
 #: Command interfaces of a joint with drive-side PD, named as in ``hardware_interface`` of ros2_control

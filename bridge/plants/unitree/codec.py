@@ -121,9 +121,9 @@ def set_command(motors: Any, command: JointCommand, kp: Vector, kd: Vector) -> N
 
 
 def is_foreign(data: bytes, session: int) -> bool:
-    """Whether a serialised LowCmd is neither of the driver with this session nor of a guard; no checksum is checked."""
+    """Whether a serialised LowCmd is of neither driver nor guard with this session; no checksum is checked."""
     mark, other = (int.from_bytes(data[at : at + 4], "little") for at in (_MARK_AT, _SESSION_AT))
-    return mark != GUARD_MARK and (mark, other) != (MARK, session)
+    return mark not in (MARK, GUARD_MARK) or other != session
 
 
 def joint_command(record: Any, nj: int) -> JointCommand:

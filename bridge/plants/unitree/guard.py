@@ -6,7 +6,7 @@ from typing import Any
 from bridge.plants.guard import SilenceGuard
 from bridge.plants.hardware import session
 from bridge.plants.participant import CommandLink
-from bridge.plants.unitree.codec import GUARD_MARK, MARK, joint_command, set_command
+from bridge.plants.unitree.codec import GUARD_MARK, MARK, is_foreign, joint_command, set_command
 from bridge.plants.unitree.link import COMMAND
 from bridge.plants.unitree.wire import read_low_cmd, write_low_cmd
 from models.errors import MessageError
@@ -32,12 +32,11 @@ class DampingGuard(SilenceGuard):
         except MessageError:
             self.refused += 1
             return
-        mark, number = record["reserve"][0], record["reserve"][2]
-        if (mark, number) != (MARK, session()):
-            self.foreign += int(mark != GUARD_MARK)
+        if is_foreign(data, session()):
+            self.foreign += 1
         elif record["reserve"][3]:
             self._disarm()
-        else:
+        elif record["reserve"][0] == MARK:
             self._on_command(now)
             self._record = record
 

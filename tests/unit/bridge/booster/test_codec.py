@@ -112,8 +112,9 @@ def test_a_state_of_another_size_is_refused_and_padding_is_not(model: RobotModel
 def test_commands_of_other_programs_are_recognised(model: RobotModel, config: BoosterConfig) -> None:
     command, own = random_command(model), codec_of(model, config, 0xA1B2C3D4)
     assert not own.is_foreign(own.encode(command))
-    assert not own.is_foreign(codec_of(model, config, guard=True).encode(command))
-    assert own.is_foreign(codec_of(model, config, 0xA1B2C3D5).encode(command))
+    assert not own.is_foreign(codec_of(model, config, 0xA1B2C3D4, guard=True).encode(command))
+    for guard in (False, True):  # of another graph
+        assert own.is_foreign(codec_of(model, config, 0xA1B2C3D5, guard=guard).encode(command))
     for weight in (0.0, 0.5, 1.0):  # of Booster's own programs
         record = np.zeros(1, low_cmd(model.nj))[0]
         record["size"], record["motors"]["weight"] = model.nj, weight

@@ -8,7 +8,7 @@ pytest.importorskip("rclpy")
 
 from rclpy.serialization import deserialize_message, serialize_message
 
-from bridge.plants.hardware import real_robot
+from bridge.plants.hardware import real_robot, session
 from bridge.plants.ros2_control.commands import DRIVER, GUARD, CommandCodec, command_codec, driver_mark
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, read_config
 from bridge.plants.ros2_control.controllers_file import controllers_file
@@ -126,6 +126,11 @@ def test_the_guard_damps_after_the_silence(g1: RobotModel, command: str) -> None
     other = codec_of(g1, command, f"{DRIVER}_0").encode(1, given, sensors.q, sensors.v)  # of another graph
     guard.receive((COMMAND, other), 9.0)
     assert guard.foreign == 2 and not guard.armed
+    other = codec_of(g1, command, f"{GUARD[:-8]}{session() ^ 1:08x}").encode(
+        1, given, sensors.q, sensors.v
+    )  # its guard
+    guard.receive((COMMAND, other), 9.0)
+    assert guard.foreign == 3 and not guard.armed
     guard.receive((COMMAND, data), 10.0)
     guard.receive((JOINTS, serialize_message(moving)), 10.0 + SILENCE)
     assert guard.step(10.0 + 0.9 * SILENCE) is None
@@ -141,7 +146,7 @@ def test_the_guard_damps_after_the_silence(g1: RobotModel, command: str) -> None
     made = guarded(guard, begin + 0.076, begin + 0.201, serialize_message(moving))
     assert (guard.active, guard.interventions) == (True, 1)
     guard.receive((COMMAND, made), 10.0 + 1.2 * SILENCE)  # it receives its own
-    assert guard.foreign == 2 and guard.active
+    assert guard.foreign == 3 and guard.active
     assert controller.accept(made)
     torque = drive_torque(g1, controller.command(sensors), sensors.q, sensors.v)
     damping = codec.executed(damping_command(g1)).kd

@@ -98,7 +98,7 @@ def test_commands_of_other_programs_are_recognised(g1: RobotModel) -> None:
     guard = DampingGuard(g1)
     guard.receive(own, 0.0)
     made = guard.step(1.0)
-    assert made is not None and not is_foreign(made, mine ^ 1)
+    assert made is not None and not is_foreign(made, mine) and is_foreign(made, mine ^ 1)
 
 
 def monitor_of(model: RobotModel) -> HardwareMonitor:
