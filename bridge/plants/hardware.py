@@ -125,20 +125,23 @@ class ForeignCommands:
 
 
 class GuardWatch:
-    """Silence of the guard process, by its heartbeats, which say whether it is armed.
+    """State of the guard process by its heartbeats, which say whether it is armed.
 
-    ``period`` is that of ``step`` [s]. A silent guard holds the robot: nothing would damp it after its driver.
+    ``period`` is that of ``step`` [s]. A guard that is silent, or does not receive the driver's commands, holds the
+    robot: nothing would damp it after its driver.
     """
 
     def __init__(self, period: float) -> None:
         self._period, self._config = period, real_robot()
         self.silence = np.inf  #: Since the last heartbeat [s]
         self.armed = False  #: Whether it damps the robot when the driver is silent, by the last heartbeat
+        self._unarmed = 0.0  # time for which it has not been armed by the driver's commands [s]
 
-    def step(self, beats: Sequence[bool]) -> None:
-        """Take the heartbeats of one period."""
+    def step(self, beats: Sequence[bool], *, commanded: bool = False) -> None:
+        """Take the heartbeats of one period, in which the driver commands the robot or not."""
         self.silence = 0.0 if beats else self.silence + self._period
         self.armed = beats[-1] if beats else self.armed
+        self._unarmed = self._unarmed + self._period if commanded and not self.armed else 0.0
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -147,8 +150,11 @@ class GuardWatch:
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """Reason of a hold."""
-        return self._silent(self._config.guard_hold)
+        """Reasons of a hold."""
+        limit = self._config.guard_hold
+        if self._unarmed <= limit:
+            return self._silent(limit)
+        return (*self._silent(limit), f"guard process without a command of the driver for more than {limit:g} s")
 
     @property
     def values(self) -> dict[str, str]:

@@ -97,7 +97,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         self._stop, self._pressed, self._jumped = "", frozenset(), False
         if self._closed:
             return self._sensors
-        self.guard.step(self._link.beats())
+        self.guard.step(self._link.beats(), commanded=self._marker.made)
         self._foreign += sum(map(self._is_foreign, self._link.commands()))
         waiting, self._waiting = [*self._waiting, *self._link.take()], []
         samples = [sample for message in waiting if (sample := self._use(message)) is not None]

@@ -79,7 +79,7 @@ class Ros2ControlPlant(RealPlant):
         self._stop, self._jumped = "", False
         if self._closed:
             return self._sensors
-        self.guard.step(self._link.beats())
+        self.guard.step(self._link.beats(), commanded=self._marker.made)
         foreign = sum(self._codec.mark(data) not in (self._mark, GUARD) for data in self._link.commands())
         self._others = self._foreign.step(foreign, self._period)
         self._gather()

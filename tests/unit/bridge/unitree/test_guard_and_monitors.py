@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.launch.robot_network import LOOPBACK, RobotNetwork, interface_address, profile_text
-from bridge.plants.hardware import RobotClock, real_robot, session
+from bridge.plants.hardware import GuardWatch, RobotClock, real_robot, session
 from bridge.plants.monitors import HardwareMonitor
 from bridge.plants.unitree.codec import UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.guard import DampingGuard
@@ -99,6 +99,19 @@ def test_commands_of_other_programs_are_recognised(g1: RobotModel) -> None:
     guard.receive(own, 0.0)
     made = guard.step(1.0)
     assert made is not None and not is_foreign(made, mine) and is_foreign(made, mine ^ 1)
+
+
+def test_a_guard_that_does_not_receive_the_drivers_commands_is_a_hold() -> None:
+    watch = GuardWatch(0.05)
+    for commanded in (False, True):
+        for _ in range(19):
+            watch.step([False], commanded=commanded)
+        assert not watch.holds and not watch.warnings
+    for _ in range(2):
+        watch.step([False], commanded=True)
+    assert watch.holds == ("guard process without a command of the driver for more than 1 s",)
+    watch.step([True], commanded=True)
+    assert not watch.holds
 
 
 def monitor_of(model: RobotModel) -> HardwareMonitor:
