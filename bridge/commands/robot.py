@@ -57,7 +57,7 @@ def start(
     with connected(network, namespace) as client:
         service = f"{topics.START}{step}"
         if on_enter:
-            say(f"{client.robot()}, Enter: {step}; Ctrl-C ends only this")
+            say(f"{client.await_trigger(service)}, Enter: {step}; Ctrl-C ends only this")
             while client.wait(_typed, float("inf")) and sys.stdin.readline():
                 try:
                     print_reply(client.trigger(service, at_once=step in STOPS))

@@ -207,6 +207,19 @@ class Client:
         answer = self.call(Trigger, service, Trigger.Request(), timeout, answer_timeout or timeout, at_once=at_once)
         return text_to_reply(bool(answer.success), str(answer.message))
 
+    def await_trigger(self, service: str, timeout: float = 10.0) -> str:
+        """Wait for a std_srvs/Trigger service; returns the profile name of the robot, as far as its supervisor is up.
+
+        ``CommandError`` when the service is absent for ``timeout`` [s].
+        """
+        client = self.node.create_client(Trigger, service)
+        try:
+            self.expect(client.service_is_ready, timeout, "service", service)
+        finally:
+            self.node.destroy_client(client)
+        self.wait(lambda: self.status is not None, DISCOVERY)
+        return "robot without supervisor" if self.status is None else self.status.robot
+
     def switch(self, service: str, on: bool, timeout: float = 10.0) -> CommandReply:
         """Call a std_srvs/SetBool service; otherwise as ``trigger``."""
         answer = self.call(SetBool, service, SetBool.Request(data=on), timeout, timeout)

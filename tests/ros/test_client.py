@@ -298,6 +298,15 @@ def test_enter_takes_a_step_in_a_client_that_has_joined_before(supervisor: FakeS
         process.wait()
 
 
+def test_enter_needs_no_supervisor(context: Context) -> None:
+    node = Node("robot_driver", context=context)
+    node.create_service(Trigger, "start/damp", lambda request, response: response)
+    program = [sys.executable, "-c", "from bridge.cli import app; app()", "start", "damp", "--on-enter"]
+    done = subprocess.run(program, input="", capture_output=True, text=True, timeout=60.0)
+    assert done.stdout.startswith("robot without supervisor, Enter: damp"), done.stderr
+    node.destroy_node()
+
+
 def test_robots_in_other_namespaces_are_named(context: Context) -> None:
     node = Node("supervisor", context=context, namespace="robot_2")
     node.create_publisher(String, topics.SUPERVISOR_STATUS, LATCHED)
