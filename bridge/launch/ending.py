@@ -29,6 +29,7 @@ class StandingRobot(Protocol):
 
     mode: str
     driver_state: str
+    refusal: str  # of the last text command that was sent; empty without one
 
     def send(self, text: str) -> None:
         """Publish a text command."""
@@ -54,7 +55,10 @@ def lower(robot: StandingRobot, config: EndConfig) -> None:
         robot.wait_for(lambda: robot.mode == Mode.STAND.value, config.stop_limit, "standing after the stop")
     _check_stands(robot)
     robot.send(config.motion)
-    robot.wait_for(lambda: robot.mode != Mode.STAND.value, config.plan_limit, f"doing '{config.motion}'")
+    began = f"doing '{config.motion}'"
+    robot.wait_for(lambda: robot.mode != Mode.STAND.value or bool(robot.refusal), config.plan_limit, began)
+    if robot.refusal:
+        raise PoiseError(f"the robot is not lowered, it is damped: {robot.refusal}")
     robot.wait_for(lambda: robot.mode != Mode.MOTION.value, config.motion_limit, f"through '{config.motion}'")
     _check_stands(robot)  # a velocity may have begun a walk meanwhile
     accepted, answer = robot.call(topics.START_RELAX)

@@ -45,7 +45,9 @@ from models.nodes import topics
 from models.nodes.interfaces import missing_types
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.spin import log_arguments, make_executor
+from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
+from models.status import MotionState, MotionStatus, SupervisorStatus
 from planners.library import load_motion, motion_files
 
 
@@ -90,6 +92,7 @@ class Graph:
         node: rclpy node of this process, for further topics and services.
         mode: Last published mode; empty before the first.
         driver_state: Last state of the joint drivers; empty before the first.
+        refusal: Why the last text command was refused, by the supervisor or the motion planner; empty if it was not.
         exit_codes: Exit code of each process by module, after leaving.
     """
 
@@ -117,7 +120,8 @@ class Graph:
         if calibration is None:
             calibration = Path(self._folder.name) / "calibration"
             calibration.mkdir()
-        self.mode = self.driver_state = ""
+        self.mode = self.driver_state = self.refusal = ""
+        self._refused: int | None = None  # text commands, by the newest status of the supervisor
         self.exit_codes: dict[str, int | None] = {}
         self._say, self._log = say, log
         self._domain_id, self._network = domain_id, network
@@ -154,6 +158,8 @@ class Graph:
         self._executor.add_node(self.node)
         self.node.create_subscription(String, topics.MODE, self._on_mode, LATCHED)
         self.node.create_subscription(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+        subscribe_status(self.node, SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
+        subscribe_status(self.node, MotionStatus, topics.MOTION_STATUS, self._on_motion)
         self._commands = self.node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
         self._clients: dict[str, Any] = {}
         try:
@@ -208,6 +214,7 @@ class Graph:
 
     def send(self, text: str) -> None:
         """Publish a text command on ``/humanoid_commands``."""
+        self.refusal = ""
         self._commands.publish(String(data=text))
 
     def call(self, service: str, timeout: float = 5.0) -> tuple[bool, str]:
@@ -293,6 +300,15 @@ class Graph:
     def _on_mode(self, message: String) -> None:
         self.mode = message.data
         self._say(f"mode {self.mode}")
+
+    def _on_status(self, status: SupervisorStatus) -> None:
+        if self._refused is not None and status.refused > self._refused:
+            self.refusal = status.answer
+        self._refused = status.refused
+
+    def _on_motion(self, status: MotionStatus) -> None:
+        if status.state is MotionState.REFUSED:
+            self.refusal = str(status)
 
     def _on_driver_state(self, message: String) -> None:
         self.driver_state = message.data

@@ -28,12 +28,14 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from bridge.launch.graph import Graph
 from bridge.launch.robot_network import RobotNetwork
 from bridge.record.observer import Observer
 from bridge.ros import client as client_module
 from bridge.ros import walk
 from bridge.ros.client import Client, next_step, overview
 from bridge.ros.environment import claim_graph, graphs_elsewhere, join_graph
+from bridge.ros.processes import ProcessSpec
 from controllers.commands.command_signature import Signer, Verifier
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
@@ -296,6 +298,22 @@ def test_enter_takes_a_step_in_a_client_that_has_joined_before(supervisor: FakeS
     finally:
         process.kill()
         process.wait()
+
+
+def test_the_launcher_reports_why_a_command_was_refused(supervisor: FakeSupervisor, tmp_path: Path) -> None:
+    specs = [ProcessSpec("this", (), True)]
+    graph = Graph("g1", specs=specs, activation=["none"], log=tmp_path / "log", say=lambda text: None)
+    graph.open()
+    try:
+        graph.wait_for(lambda: graph.mode == "stand", 10.0, "standing")
+        graph.spin(0.5)  # until each has discovered the other
+        for text, reason in (("fly", "unknown command 'fly'"), ("wave", "")):
+            graph.send(text)
+            graph.wait_for(lambda text=text: supervisor.texts[-1:] == [text], 10.0, "received")  # type: ignore[misc]
+            graph.spin(0.5)
+            assert graph.refusal == reason
+    finally:
+        graph.close()
 
 
 def test_enter_needs_no_supervisor(context: Context) -> None:

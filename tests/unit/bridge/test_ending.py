@@ -28,6 +28,7 @@ class Robot:
 
     def __init__(self, mode: str, refuses: str = "") -> None:
         self.mode, self.driver_state, self._refuses = mode, "active", refuses
+        self.refusal = ""
         self.done: list[str] = []
         self._next: list[str] = []
 
@@ -40,6 +41,7 @@ class Robot:
     def send(self, text: str) -> None:
         self.done.append(text)
         self._next = [] if text == self._refuses else list(self.modes[text])
+        self.refusal = "a hold" if text == self._refuses == "crouch" else ""
 
     def call(self, service: str) -> tuple[bool, str]:
         self.done.append(service)
@@ -83,10 +85,10 @@ def test_any_other_robot_is_not_lowered(config: EndConfig, mode: str) -> None:
     assert not robot.done
 
 
-@pytest.mark.parametrize("step", ["stop", "crouch", "start/relax"])
-def test_a_refused_step_ends_it(config: EndConfig, step: str) -> None:
+@pytest.mark.parametrize(("step", "reason"), [("stop", "not standing"), ("crouch", "a hold"), ("start/relax", "no")])
+def test_a_refused_step_ends_it(config: EndConfig, step: str, reason: str) -> None:
     robot = Robot("walk", refuses=step)
-    with pytest.raises(PoiseError):
+    with pytest.raises(PoiseError, match=reason):
         lower(robot, config)
     assert robot.done[-1] == step
 
