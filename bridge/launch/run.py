@@ -1,5 +1,6 @@
 """Runs one graph or several until a signal, and reports events on the terminal."""
 
+import os
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -61,7 +62,8 @@ def run_until_signal(
     """Run a graph until SIGINT or SIGTERM, or for a ``duration`` [s].
 
     ``make`` makes the graph from a function that prints one line about an event; ``name`` is for the output. ``end`` is
-    called before the processes end, unless by SIGTERM; a second SIGINT interrupts it. Returns the exit code: 0 after a
+    called before the processes end, unless by SIGTERM; a second SIGINT interrupts it. SIGTSTP has no effect: the robot
+    would go on without its launcher. Returns the exit code: 0 after a
     signal or the end of ``duration``, 1 when the graph cannot be kept up.
     """
     console = Console(stderr=True, quiet=quiet)
@@ -83,7 +85,12 @@ def run_until_signal(
             ignore_signals()
         raise _Interrupted
 
+    def on_suspend(number: int, frame: Any) -> None:
+        if not quiet:
+            os.write(2, b"not suspended, as the robot would go on; Ctrl-C ends it\n")  # say() may be interrupted itself
+
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous[signal.SIGTSTP] = signal.signal(signal.SIGTSTP, on_suspend)
     code = 0
 
     @contextmanager

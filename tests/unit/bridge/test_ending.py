@@ -117,6 +117,8 @@ def interrupted(number: int, at_end: bool = True, again: bool = False) -> list[s
     robot = Robot("stand")
 
     def spin(duration: float) -> None:
+        assert callable(signal.getsignal(signal.SIGTSTP))  # a test process that is suspended does not fail
+        os.kill(os.getpid(), signal.SIGTSTP)
         os.kill(os.getpid(), number)
 
     def end(graph: Robot) -> None:
@@ -127,7 +129,7 @@ def interrupted(number: int, at_end: bool = True, again: bool = False) -> list[s
 
     robot.spin = spin  # type: ignore[method-assign]
     code = run_until_signal(lambda say: robot, "g1", duration=None, quiet=True, end=end if at_end else None)  # type: ignore[arg-type, return-value]
-    assert code == 0
+    assert code == 0 and signal.getsignal(signal.SIGTSTP) is signal.SIG_DFL
     return robot.done
 
 
