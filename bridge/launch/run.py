@@ -2,9 +2,10 @@
 
 import os
 import signal
+import termios
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from typing import Any, Protocol
 
 from rich.console import Console
@@ -31,6 +32,25 @@ class Running(AbstractContextManager["Running"], Protocol):
 
 class _Interrupted(Exception):
     """SIGINT or SIGTERM arrived."""
+
+
+@contextmanager
+def without_flow_control() -> Iterator[None]:
+    """Ctrl-S has no effect in the terminal of this process: a process of the graph would wait for its own output.
+
+    Only the foreground job of a terminal changes and restores it: any other is suspended for that.
+    """
+    before: list[Any] | None = None
+    with suppress(OSError, termios.error):  # no terminal
+        if os.tcgetpgrp(2) == os.getpgrp():
+            before = termios.tcgetattr(2)
+            termios.tcsetattr(2, termios.TCSANOW, [before[0] & ~termios.IXON, *before[1:]])
+    try:
+        yield
+    finally:
+        with suppress(OSError, termios.error):
+            if before is not None and os.tcgetpgrp(2) == os.getpgrp():
+                termios.tcsetattr(2, termios.TCSANOW, before)
 
 
 def wait_for(
@@ -105,6 +125,7 @@ def run_until_signal(
             code = 1
 
     ending = ExitStack()
+    ending.enter_context(without_flow_control())
     try:
         with reported(), make(say) as graph:
             with reported():

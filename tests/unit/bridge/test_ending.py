@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from types import TracebackType
 from typing import ClassVar
@@ -138,3 +140,33 @@ def test_a_second_interrupt_and_a_termination_end_the_processes_at_once() -> Non
     assert interrupted(signal.SIGINT, again=True) == ["begin", "stop processes"]
     assert interrupted(signal.SIGTERM) == ["stop processes"]
     assert interrupted(signal.SIGINT, at_end=False) == ["stop processes"]
+
+
+TERMINAL = """
+import fcntl, termios
+from bridge.launch.run import run_until_signal
+from models.errors import PoiseError
+
+def make(say):
+    report()
+    raise PoiseError("no graph")
+
+def report():
+    print(bool(termios.tcgetattr(2)[0] & termios.IXON))
+
+fcntl.ioctl(2, termios.TIOCSCTTY, 0)
+report()
+run_until_signal(make, "g1", duration=None, quiet=True)
+report()
+"""
+
+
+def test_no_output_of_the_graph_is_stopped_by_the_terminal() -> None:
+    main, terminal = os.openpty()
+    try:
+        command = [sys.executable, "-c", TERMINAL]
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=terminal, text=True, start_new_session=True)
+    finally:
+        os.close(terminal)
+        os.close(main)
+    assert done.stdout.split() == ["True", "False", "True"]
