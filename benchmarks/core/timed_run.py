@@ -115,7 +115,7 @@ class TimedBenchmark(Benchmark):
         found = []
         for name, bound in self.bounds(report).items():
             worst = _worst(report.cases, name, bound)
-            value = worst["figures"][name]
+            value = worst["figures"].get(name, np.nan)
             found.append((bound.holds(value), f"{name} {bound}: worst {value:.4g}, seed {worst['seed']}"))
         return found
 
@@ -126,7 +126,7 @@ class TimedBenchmark(Benchmark):
 
 def _worst(cases: Sequence[Case], name: str, bound: Bound) -> Case:
     """The case whose figure is the worst for its bound; NaN counts as the worst."""
-    values = [case["figures"][name] for case in cases]
+    values = [case["figures"].get(name, np.nan) for case in cases]
     return cases[int(np.argmax(values) if np.isinf(bound.least) else np.argmin(values))]
 
 

@@ -193,7 +193,7 @@ def black_box(
     file: Annotated[Path, typer.Argument(help="File of a black box; ~/.local/state/poise/black_box holds them.")],
     out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("out/black_box"),
     last: Annotated[float, typer.Option(min=0.0, help="Draw so many seconds of its end.")] = 60.0,
-    robot: Robot = "",
+    robot: Annotated[str, typer.Option(help="Robot profile, by name or path; the one it names by default.")] = "",
 ) -> None:
     """Draw what a black box holds of the last seconds before a fault, and say why it was written."""
     from bridge.analysis.plots import plot_black_box

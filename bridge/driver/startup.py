@@ -10,7 +10,7 @@ none active the robot is ``damped``, with one the start begins anew. While they 
 unless the operator requests damping. ``gantry`` waits for the operator's confirmation that the robot hangs from a
 gantry, ``hanging`` for ``lower``. The robot must hang upright, without load on its feet, at the confirmation and
 until it is ``hanging``. One that topples before it stands by itself is damped, and none is put on its feet under a
-hold of the monitors. One whose driver hung, or whose clock leapt, for longer than ``sensor_timeout`` of
+hold of the monitors. One whose driver hung, or whose clock jumped, for longer than ``sensor_timeout`` of
 ``controllers/config/motor_driver.yaml`` is damped from the measured torques. ``held`` is stiff in the standing posture
 until the load on the feet, which follows from the joint torques, equals the weight. The stiff hold includes the torques
 of that load at the measured posture: gravity does not weaken its springs, and a CoM beside that of the model makes the
@@ -253,8 +253,8 @@ class Startup:
             self._drives.fade_from(sensors.tau)  # of the command that the last driver left
         if self.commands and (dt > self._tick_max or inputs.jumped):
             self._drives.fade_from(sensors.tau)  # the last command may no longer be in force: the guard has damped
-            stop = inputs.stop or f"{dt:.3f} s between two ticks of the driver, {self._tick_max:g} s at most"
-            inputs = inputs._replace(stop=stop)
+            hung = f"{dt:.3f} s between two ticks of the driver, {self._tick_max:g} s at most"
+            inputs = inputs if inputs.jumped else inputs._replace(stop=inputs.stop or hung)
         self._elapsed += dt
         share = min(dt / config.load_window, 1.0)
         self.tilt = self.tilt + share * (inputs.tilt - self.tilt) if np.isfinite(self.tilt) else inputs.tilt

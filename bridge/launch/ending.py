@@ -57,9 +57,9 @@ def lower(robot: StandingRobot, config: EndConfig) -> None:
     robot.send(config.motion)
     began = f"doing '{config.motion}'"
     robot.wait_for(lambda: robot.mode != Mode.STAND.value or bool(robot.refusal), config.plan_limit, began)
-    if robot.refusal:
-        raise PoiseError(f"the robot is not lowered, it is damped: {robot.refusal}")
     robot.wait_for(lambda: robot.mode != Mode.MOTION.value, config.motion_limit, f"through '{config.motion}'")
+    if robot.refusal:  # by the supervisor, or by the planner after that
+        raise PoiseError(f"the robot is not lowered, it is damped: {robot.refusal}")
     _check_stands(robot)  # a velocity may have begun a walk meanwhile
     accepted, answer = robot.call(topics.START_RELAX)
     if not accepted:

@@ -30,10 +30,13 @@ from models.types import Mode
 STOP = "stop"
 
 
-async def track_motion(handle: Any, robot: RobotClient, turn: Turn, feedback: Callable[[str], None]) -> Outcome:
+async def track_motion(
+    handle: Any, robot: RobotClient, turn: Turn, feedback: Callable[[str], None], *, planned: bool
+) -> Outcome:
     """Follow a requested motion by its status to its end; returns how it ended.
 
-    ``robot`` is cleared by ``begin`` before the goal; ``feedback`` gets ``requested`` or ``running``. A motion that
+    ``robot`` is cleared by ``begin`` before the goal; ``feedback`` gets ``requested`` or ``running``; ``planned`` is
+    whether the motion answers a request, and so do refusals that count. A motion that
     cannot go on, or is cancelled, is stopped. Raises ``CommandError`` when the supervisor does not answer.
     """
     timeout = robot.config.start_timeout
@@ -43,7 +46,7 @@ async def track_motion(handle: Any, robot: RobotClient, turn: Turn, feedback: Ca
         if running > 1:
             return Outcome(False, "replaced by a motion of another client")
         newest = robot.motion[-1] if robot.motion else None
-        if newest is not None and newest.state is MotionState.REFUSED and not running:
+        if newest is not None and newest.state is MotionState.REFUSED and bool(newest.request) is planned:
             return Outcome(False, ": ".join(part for part in (newest.request, newest.reason) if part))
         if newest is not None and newest.state is MotionState.DONE and running:
             return Outcome(False, "stopped by another client") if robot.stops else Outcome(True, "played to its end")
@@ -78,7 +81,7 @@ class ExecuteMotion(Action):
     """Plays a motion by name."""
 
     def refusal(self, request: Any) -> Outcome | None:
-        """Refuse what has words of the gait or ``stop``, which the supervisor would obey, in it."""
+        """Refuse texts with a word of the gait or ``stop``, which the supervisor would execute."""
         words = re.findall(r"\w+", request.motion.lower())
         word = next((word for word in words if word in (*GAIT_WORDS, STOP)), None)
         return word and Outcome(False, f"'{word}' is not a motion; walk with walk_to, or a velocity")
@@ -94,7 +97,7 @@ class ExecuteMotion(Action):
         def feedback(state: str) -> None:
             handle.publish_feedback(self._kind.Feedback(state=state, elapsed=time.monotonic() - begin))
 
-        return await track_motion(handle, robot, turn, feedback)
+        return await track_motion(handle, robot, turn, feedback, planned=True)
 
 
 class FollowJointTrajectory(Action):
@@ -129,7 +132,8 @@ class FollowJointTrajectory(Action):
         names = list(asked.trajectory.joint_names)
         robot.begin()
         self._publish(asked.trajectory)
-        outcome = await track_motion(handle, robot, turn, lambda state: self._feedback(handle, names))
+        feedback = partial(self._feedback, handle, names)
+        outcome = await track_motion(handle, robot, turn, feedback, planned=False)
         if not outcome.success:
             code = codes.PATH_TOLERANCE_VIOLATED if robot.motions_begun else codes.INVALID_GOAL
             return Outcome(False, outcome.message, outcome.cancelled, code)
@@ -140,7 +144,7 @@ class FollowJointTrajectory(Action):
         """Result message of an outcome."""
         return self._kind.Result(error_code=outcome.code, error_string="" if outcome.success else outcome.message)
 
-    def _feedback(self, handle: Any, names: list[str]) -> None:
+    def _feedback(self, handle: Any, names: list[str], state: str) -> None:
         posture = self._robot.posture
         if posture is None:
             return

@@ -137,7 +137,7 @@ class GraphRecorder:
     def take(self, topic: str, name: str, data: bytes) -> None:
         """Write a message of a topic under its name in the file, or store it until the robot's time is known."""
         self.received += 1
-        stamp = stamp_of(data) if topic in STAMPED else 0
+        stamp = stamp_of(data, logged=True) if topic in STAMPED else 0
         if topic == topics.JOINT_STATES:
             self._stamps.append(stamp)
             self._now = max(self._now, stamp)

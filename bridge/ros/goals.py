@@ -82,7 +82,7 @@ class RobotClient:
         for client in self._clients.values():
             node.own(node.destroy_client, client)
         node.listen(String, topics.MODE, self._on_mode, LATCHED)
-        node.listen_status(MotionStatus, topics.MOTION_STATUS, self.motion.append)
+        node.listen_status(MotionStatus, topics.MOTION_STATUS, self._on_motion)
         node.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
         node.listen_status(RouteStatus, topics.ROUTE_STATUS, self.route.append)
         node.listen(JointState, topics.POSTURE, self._on_joints, SENSOR, raw=True)
@@ -180,6 +180,10 @@ class RobotClient:
 
     def _on_mode(self, message: String) -> None:
         self.mode = message.data
+
+    def _on_motion(self, status: MotionStatus) -> None:
+        if status.state is not MotionState.REFUSED or not self.motions_begun:  # later ones are of another client
+            self.motion.append(status)
 
     def _on_request(self, message: String) -> None:
         self.stops += message.data == topics.STOP_MOTION

@@ -13,6 +13,8 @@ from models.trajectory import TrajectorySampler, validate_trajectory
 from models.types import JointTrajectory, Reference, Vector
 
 STILL = 1e-9  #: Velocity that rounding leaves [rad/s]
+OVERSHOOT = 0.02  #: How far the way to a first point may lead beyond a joint limit [rad]
+_POWERS = np.linspace(0.0, 1.0, 8)[:, None] ** np.arange(6)  #: Of instants on a segment
 
 
 class MotionPlayer:
@@ -51,8 +53,9 @@ class MotionPlayer:
         """Start a motion from the posture reference of the last tick; a running one is replaced without a jump.
 
         A single point at rest, or at t = 0, takes at least ``setpoint_time_s``, so that a stream of them is followed
-        smoothly. A velocity that the motion does not start with, also that of a joint which it does not name, fades out
-        within ``stop_time_s``. A motion that does not end at rest slows down after its end like a stopped one. While
+        smoothly. A velocity that the motion does not start with, as of a joint which it does not name, or which would
+        take it beyond the joint limits, fades out within ``stop_time_s``. A motion that does not end at rest slows down
+        after its end like a stopped one. While
         ``walking``, only arms and head follow, blended in and out; while ``stepping``, the gait moves legs and torso
         until the motion ends. Raises ``TrajectoryError`` or ``JointNameError`` as ``validate_trajectory`` does.
         """
@@ -63,7 +66,7 @@ class MotionPlayer:
         moving = trajectory.velocities is not None and trajectory.velocities.any()
         if len(trajectory.times) == 1 and not (moving and trajectory.times[0] > 0.0):  # a setpoint, perhaps of a stream
             trajectory = replace(trajectory, times=np.maximum(trajectory.times, self._config.setpoint_time_s))
-        validate_trajectory(trajectory, self._model, start_q=start, start_v=speed)
+        validate_trajectory(trajectory, self._model, start_q=start)
         if stepping and self._legs is None:
             self._legs = self._last[0]
         self._upper.drop()  # a motion of the walk that still fades out: it is in ``start``
@@ -142,6 +145,8 @@ class MotionPlayer:
 
     def _begin(self, trajectory: JointTrajectory, start: Vector, speed: Vector) -> None:
         self._motion = TrajectorySampler(trajectory, self._model, start, speed)
+        if not self._stays_inside(self._motion, start):
+            self._motion = TrajectorySampler(trajectory, self._model, start)
         self._time, self._standing_up = 0.0, False
         left = speed - self._motion.sample(0.0)[1]
         self._former = np.zeros((3, self._model.nj))
@@ -153,7 +158,20 @@ class MotionPlayer:
         offset, velocity, acceleration = fade_out(self._former, self._time, self._fade)
         low = np.minimum(self._model.q_lower - sample[0], 0.0)
         high = np.maximum(self._model.q_upper - sample[0], 0.0)
-        return sample[0] + np.clip(offset, low, high), sample[1] + velocity, sample[2] + acceleration
+        free = (offset >= low) & (offset <= high)  # at a limit the joint rests
+        return (
+            sample[0] + np.clip(offset, low, high),
+            np.where(free, sample[1] + velocity, 0.0),
+            np.where(free, sample[2] + acceleration, 0.0),
+        )
+
+    def _stays_inside(self, motion: TrajectorySampler, start: Vector) -> bool:
+        """Whether the way to the first point, which the velocity before it bends, keeps the joint limits."""
+        if not len(motion.coefficients):
+            return True
+        q = _POWERS @ motion.coefficients[0]  # (8, nj)
+        low, high = np.minimum(self._model.q_lower, start), np.maximum(self._model.q_upper, start)
+        return bool(((q > low - OVERSHOOT) & (q < high + OVERSHOOT)).all())
 
     def _trajectory_to(self, end: Vector, time: float) -> JointTrajectory:
         """Trajectory to a posture (nj,) [rad] at rest within a time [s]."""

@@ -11,7 +11,6 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_ns, declare_period
 from models.nodes.qos import EVENT, STATE
-from models.types import STILL
 from planners.nodes.gait_link import (
     GaitCommand,
     GaitReport,
@@ -60,7 +59,6 @@ class GaitExecutor:
             self._reports.publish(encode(report))
         if not self.silent and not 0 <= stamp - self._answered <= self._timeout:
             self._set_silent(True)
-            self._stack.hold_velocity(*STILL)
             self._stack.stop()
 
     def _set_silent(self, silent: bool) -> None:

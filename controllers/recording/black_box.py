@@ -228,6 +228,11 @@ class BlackBox:
         if self._checkpoints is not None:
             self._checkpoints.clear()
 
+    @property
+    def checkpoints(self) -> deque[Checkpoint]:
+        """States of the laws that are held, the oldest first."""
+        return deque() if self._checkpoints is None else self._checkpoints.ring
+
     def record(self, reason: str) -> BlackBoxRecord:
         """A copy of the ring, the oldest row first."""
         first = self._next if self._count == self._rows else 0

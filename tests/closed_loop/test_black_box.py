@@ -104,17 +104,15 @@ def test_it_begins_with_any_checkpoint(fallen: ClosedLoop, tmp_path: Path) -> No
     """Standing, walking, and with arms that wave on the way: what is put back is all of the state."""
     assert fallen.black_box is not None
     box = fallen.black_box.box
-    assert box._checkpoints is not None
-    ring = box._checkpoints.ring
     turns: list[bool] = []
-    while ring:
-        walking = ring[0].memory.mode is Mode.WALK
-        if len(ring) == 1 or not turns or walking is not turns[-1]:
+    while box.checkpoints:
+        walking = box.checkpoints[0].memory.mode is Mode.WALK
+        if len(box.checkpoints) == 1 or not turns or walking is not turns[-1]:
             turns.append(walking)
             record = box.record("again")
             report = replay_box(record)
             assert report.identical, f"from {report.since} s: {report.first}"
-        ring.popleft()
+        box.checkpoints.popleft()
     assert turns == [False, True, False, True, True]
     record.save(tmp_path / "last.npz")
     result = CliRunner().invoke(app, ["replay", str(tmp_path / "last.npz")])

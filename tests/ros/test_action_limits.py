@@ -70,27 +70,29 @@ def test_a_walk_that_does_not_stop_fails_with_the_time_waited() -> None:
     ("states", "ended"),
     [
         ("running done", Outcome(True, "played to its end")),
-        ("refused", Outcome(False, "too far")),
+        ("refused", Outcome(False, "wave 2: too far")),
+        ("refused/other running done", Outcome(True, "played to its end")),
         ("running refused done", Outcome(True, "played to its end")),  # another client's
         ("running running done", Outcome(False, "replaced by a motion of another client")),
     ],
 )
 def test_a_motion_of_another_client_is_not_taken_for_that_of_the_goal(states: str, ended: Outcome) -> None:
     robot: Any = object.__new__(RobotClient)
-    robot.config, robot.stops, robot.mode, robot._looks = (
-        default_config(ActionsConfig, "bridge", "actions"),
-        0,
-        "motion",
-        1,
-    )
-    robot.motion, coming = deque(), [MotionStatus(MotionState(each), reason="too far") for each in states.split()]
+    robot.config, robot.motion, coming = default_config(ActionsConfig, "bridge", "actions"), deque(), []
+    robot.stops, robot.mode, robot._looks = 0, "motion", 1
+    for each in states.split():
+        state, _, of = each.partition("/")
+        coming.append(MotionStatus(MotionState(state), request="" if of else "wave 2", reason="too far"))
 
     async def turn() -> None:
-        robot.motion.append(coming.pop(0))
+        robot._on_motion(coming.pop(0))
 
     robot.turn = turn
     handle: Any = SimpleNamespace(is_cancel_requested=False)
-    assert asyncio.run(track_motion(handle, robot, cast(Turn, SimpleNamespace(ended="")), lambda _: None)) == ended
+    assert (
+        asyncio.run(track_motion(handle, robot, cast(Turn, SimpleNamespace(ended="")), lambda _: None, planned=True))
+        == ended
+    )
 
 
 @pytest.mark.parametrize("text", ["stop", "walk forward", "Please stop.", "forward.", "go forward, please"])

@@ -201,7 +201,8 @@ class Ros2ControlPlant(RealPlant):
             elif source not in self._seen:
                 found.append(f"no message of {source} on '{topics[source]}' ({self._where})")
         if self._t:
-            found += self.warnings
+            found += self._doubtful
+            found += self.guard.warnings
             found += self.counter.findings("complete samples")
             found += self.guard.holds
         if self.config.controller_manager:
@@ -257,14 +258,19 @@ class Ros2ControlPlant(RealPlant):
         """No effect: no other controller becomes active by itself."""
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def _doubtful(self) -> tuple[str, ...]:
         """Sources of the newest sample without a message of its stamp, and commands of other programs."""
         rate = self.config.rate
         mixed = (
             f"{source}: no message with the stamp of the joint states; its broadcaster must run at {rate:g} Hz"
             for source in self._assembler.mixed
         )
-        return *mixed, *self._others_at(Level.WARN), *super().warnings
+        return *mixed, *self._others_at(Level.WARN)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Doubtful samples, commands of other programs, a silent guard, and a run that is not marked."""
+        return *self._doubtful, *super().warnings
 
     @property
     def holds(self) -> tuple[str, ...]:

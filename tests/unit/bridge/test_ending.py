@@ -95,6 +95,19 @@ def test_a_refused_step_ends_it(config: EndConfig, step: str, reason: str) -> No
     assert robot.done[-1] == step
 
 
+def test_a_refusal_of_the_planner_ends_it_with_its_reason(config: EndConfig) -> None:
+    class Refused(Robot):
+        def wait_for(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
+            super().wait_for(condition, timeout, what)
+            if self.mode == "motion":  # which the supervisor enters before it is planned
+                self.refusal = "out of reach"
+
+    robot = Refused("stand")
+    with pytest.raises(PoiseError, match="out of reach"):
+        lower(robot, config)
+    assert robot.done == ["crouch"]
+
+
 @pytest.mark.parametrize("modes", [("walk",), ("motion", "walk"), ("damp",), ("motion", "damp")])
 def test_a_robot_that_begins_to_walk_or_is_damped_meanwhile_does_not_relax(
     config: EndConfig, modes: tuple[str, ...]

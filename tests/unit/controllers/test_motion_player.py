@@ -6,7 +6,6 @@ from msgspec.structs import replace
 
 from controllers.balance.motion_player import MotionPlayer
 from controllers.whole_body.config import load_balance_config
-from models.errors import TrajectoryError
 from models.robot_model import RobotModel
 from models.types import JointTrajectory, Reference, Vector
 from tests.unit.controllers.test_upper_body import reference
@@ -74,20 +73,16 @@ def test_a_motion_that_replaces_another_takes_its_velocity_over(
     assert not v[-1].any()
 
 
-def test_one_that_the_velocity_before_would_take_beyond_a_limit_is_refused(g1: RobotModel) -> None:
+@pytest.mark.parametrize(("name", "room", "target"), [(OTHER, 0.01, 0.0), (MOVED, 0.05, 0.0), (MOVED, 0.2, -0.5)])
+def test_what_fades_out_stays_within_the_limits(g1: RobotModel, name: str, room: float, target: float) -> None:
     played = Played(g1)
     limit = float(g1.q_upper[played.joint])
-    played.last[0][played.joint] = limit - 0.05
-    with pytest.raises(TrajectoryError, match=rf"{MOVED}.*start: the curve after this point leaves"):
-        played.follow((MOVED,), [0.5], np.array([[limit - 0.05]]))
-
-
-def test_what_fades_out_stays_within_the_limits(g1: RobotModel) -> None:
-    played = Played(g1)
-    limit = float(g1.q_upper[played.joint])
-    played.last[0][played.joint] = limit - 0.01
-    played.follow((OTHER,), [0.5], played.last[0][g1.joint_index(OTHER)].reshape(1, 1))
-    assert played.to_the_end()[:, 0, played.joint].max() <= limit + 1e-12
+    played.last[0][played.joint] = limit - room
+    played.follow((name,), [2.0], (played.last[0][g1.joint_index(name)] + target).reshape(1, 1))
+    q, v, _ = played.to_the_end()[1:, :, played.joint].T
+    assert q.max() <= limit + 1e-12
+    assert not v[q >= limit - 1e-12].any()
+    assert q[-1] == pytest.approx(limit - room + target, abs=1e-9)
 
 
 @pytest.mark.parametrize("walks", [False, True])
