@@ -274,9 +274,8 @@ def summarise(results: list[Case]) -> dict[str, float]:
         figures["directions_taken"] = float((dv > 0.0).sum())
     for bound in ("ankle", "steps"):
         limits = np.array([min(case[f"{bound}_dv"] for case in results if case["angle"] == angle) for angle in angles])
-        shown = (limits > 0.0) | (
-            dv == 0.0
-        )  # not where the DCM was beyond the edge already; nothing taken is a ratio of 0
+        # Not where the DCM was beyond the edge already; where no push is taken the ratio is 0.
+        shown = (limits > 0.0) | (dv == 0.0)
         of_bound = dv[shown] / np.where(limits > 0.0, limits, 1.0)[shown]
         figures[f"ratio_to_{bound}_bound_min"] = float(of_bound.min()) if len(of_bound) else math.nan
         figures[f"ratio_to_{bound}_bound_median"] = float(np.median(of_bound)) if len(of_bound) else math.nan

@@ -46,10 +46,8 @@ class UpperBodyMotion:
         self._motion: TrajectorySampler | None = None
         self._t = self._end = self._fade = 0.0
         self._added = np.zeros((3, self._model.nj))  # to posture, velocity and acceleration
-        self._former, self._since = (
-            self._added,
-            self._fade_time,
-        )  # the same of the motion before, at its end; time since
+        self._former = self._added  # by the motion before, at its end
+        self._since = self._fade_time  # time since that end [s]
 
     def release(self) -> None:
         """Forget the motion at once; what it adds to the posture fades out."""

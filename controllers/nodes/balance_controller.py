@@ -151,9 +151,8 @@ class BalanceControllerNode(PoiseNode):
             result = stack.control(dt)
         assert result is not None  # the mode is an active one
         self._last_command = self._codec.encode(stamp, result.command)
-        if (
-            self._waits or result.status is not SolveStatus.DAMPED
-        ):  # damping is not a setpoint: in silence the drivers damp
+        # No setpoint is damping: without one the drivers damp.
+        if self._waits or result.status is not SolveStatus.DAMPED:
             self._command.publish(self._last_command)
         self._after(state, result, stamp)
         self._keep(stamp)

@@ -129,7 +129,7 @@ class CommandTopics:
             self._commander_topic.publish(String(data=commander))
 
     def _restart(self, t: float) -> None:
-        """``/clock`` has gone back to a time [s], with the plant behind it: what was said before counts no more."""
+        """``/clock`` has gone back to a time [s], with the plant behind it: earlier commands are discarded."""
         self._arbiter.restart()
         self._newest = dict.fromkeys(self._newest, t)
         self._last_stamp = 0

@@ -63,7 +63,7 @@ class Supervisor:
         self._velocity: Velocity | None = None
         self._halting = self._by_velocity = False
         self._barred = mode is not Mode.OFF  # velocities that go on after a stop begin no walk
-        self._lifted: set[str] = set()  # sources whose velocity was zero, or paused, since
+        self._released: set[str] = set()  # sources whose velocity was zero, or paused, since
         self._motion_seen = False
         self._motion_since: float | None = None
 
@@ -150,8 +150,8 @@ class Supervisor:
     def barred(self, source: str, *, fresh: bool) -> bool:
         """Whether the velocity of a source goes on from before a stop; not a ``fresh`` one: zero, or after a pause."""
         if fresh:
-            self._lifted.add(source)
-        return self._barred and source not in self._lifted
+            self._released.add(source)
+        return self._barred and source not in self._released
 
     def drive(self, moving: bool, *, fresh: bool, source: str = "") -> CommandReply:
         """Accept a velocity of a source in mode ``walk``, or have it begin a walk of a standing robot.
@@ -176,9 +176,9 @@ class Supervisor:
     def rest(self) -> None:
         """The robot stands still in mode ``walk`` at zero velocity: a walk that a velocity began ends in a stand."""
         if self._by_velocity and not self._halting and self.motion is None:
-            before = self._barred, self._lifted
+            before = self._barred, self._released
             self._stop()
-            self._barred, self._lifted = before
+            self._barred, self._released = before
 
     def take_motion(self) -> str | None:
         """Name of a motion to plan and follow, returned once; ``"stop"`` means hold the present posture."""
@@ -337,7 +337,7 @@ class Supervisor:
 
     def _bar(self) -> None:
         """Let no velocity walk that goes on from now."""
-        self._barred, self._lifted = True, set()
+        self._barred, self._released = True, set()
 
     def _enter(self, mode: Mode, reason: str) -> CommandReply:
         if self.mode in ACTIVE_MODES and mode not in ACTIVE_MODES:
