@@ -71,7 +71,7 @@ class CommandTopics:
         self._speaker, self._commander = PLAIN, ""
         self._last_stamp = 0
         self._newest = dict.fromkeys(config.sources, -math.inf)  # time of each source's newest velocity [s]
-        self._t = 0.0  # of the last update [s]
+        self._t = 0.0  # newest time [s]
         self._walking = False
         self._velocity = node.announce(Twist, topics.GAIT_VELOCITY, COMMAND)
         self._stop = node.announce(Empty, topics.GAIT_STOP, EVENT)
@@ -112,10 +112,7 @@ class CommandTopics:
 
     def publish(self) -> None:
         """Repeat the velocity while the robot walks, and publish a change of the commanding source."""
-        t, walking = self._reports.t, self._law.mode is Mode.WALK
-        if t < self._t:
-            self._restart(t)
-        self._t = t
+        t, walking = self._now(), self._law.mode is Mode.WALK
         if walking:
             self._velocity.publish(velocity_to_twist(self._allowed(t)))
             if not (self._on_the_way or self._reports.gait_active or any(self._arbiter.velocity(t))):
@@ -128,11 +125,15 @@ class CommandTopics:
             self._commander = commander
             self._commander_topic.publish(String(data=commander))
 
-    def _restart(self, t: float) -> None:
-        """``/clock`` has gone back to a time [s], with the plant behind it: earlier commands are discarded."""
-        self._arbiter.restart()
-        self._newest = dict.fromkeys(self._newest, t)
-        self._last_stamp = 0
+    def _now(self) -> float:
+        """Time [s]; when ``/clock`` begins or goes back, with the plant behind it, earlier commands are discarded."""
+        t = self._reports.t
+        if t < self._t or not self._t:
+            self._arbiter.restart()
+            self._newest = dict.fromkeys(self._newest, t)  # a stream that goes on is not a new one
+            self._last_stamp = 0
+        self._t = t
+        return t
 
     def _allowed(self, t: float) -> Velocity:
         """The commanded velocity as limited by holds and obstacles; a walk to a goal, held or blocked, is ended."""
@@ -188,7 +189,7 @@ class CommandTopics:
 
     def _drive(self, source: str, topic: str, velocity: Velocity) -> None:
         """Accept a velocity of a source; ``CommandError`` when the robot does not walk at it."""
-        t, law, mode = self._reports.t, self._law, self._law.mode
+        t, law, mode = self._now(), self._law, self._law.mode
         walking, moving = mode is Mode.WALK, any(velocity)
         fresh = t - self._newest[source] > self._arbiter.config.sources[source].timeout or not moving
         self._newest[source] = t

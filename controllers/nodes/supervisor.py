@@ -120,6 +120,7 @@ class SupervisorNode(PoiseNode):
         law = self._law
         law.gait = self._reports.gait_present
         law.fallen = fallen(self._config, self._reports.tilt)
+        law.held = self._driver_state == topics.HELD
         self._reports.moving = law.mode in ACTIVE_MODES
         if self._reports.moving:
             self._watch()

@@ -39,7 +39,8 @@ class Supervisor:
     ``gait`` is whether there is a gait planner; without one a walk ends, and requests to walk are refused. ``faults``
     are the reasons of the latched faults, ``holds`` of the present ones of severity hold; ``motion`` is the name of the
     motion requested or under way; ``ignored`` counts ignored text commands; the caller sets ``fallen``
-    when the robot lies: it does not stand up by itself.
+    when the robot lies: it does not stand up by itself, and ``held`` while the drivers hold it at its start: no walk
+    begins then.
     """
 
     def __init__(self, model: RobotModel, config: SupervisorConfig | None = None, *, gait: bool = False) -> None:
@@ -47,7 +48,7 @@ class Supervisor:
         self.gait = gait
         self.config = default_config(SupervisorConfig, "controllers", "supervisor") if config is None else config
         self.ignored = 0
-        self.fallen = False
+        self.fallen = self.held = False
         self.reset()
 
     def reset(self, mode: Mode = Mode.OFF, *, stopped: bool = False) -> None:
@@ -293,6 +294,8 @@ class Supervisor:
         if self.mode is Mode.WALK:
             self._halting = False
             return CommandReply(True, "walk: continues")
+        if self.held and self.mode is Mode.STAND:
+            return self._refuse(Mode.WALK, "the robot is held at its start until its feet bear it; try again then")
         if self.mode is not Mode.STAND:
             return self._refuse(Mode.WALK, self._to_stand)
         return self._enter(Mode.WALK, "steps when a velocity is commanded")
@@ -343,9 +346,9 @@ class Supervisor:
         if self.mode in ACTIVE_MODES and mode not in ACTIVE_MODES:
             self.preflight = (f"preflight checks have not been repeated since mode '{mode.value}'",)
             self.holds = ()
-        self.mode = mode
-        if mode not in ACTIVE_MODES:
+        if mode not in ACTIVE_MODES or self.mode not in ACTIVE_MODES:
             self._bar()
+        self.mode = mode
         self.motion = self._pending = None
         self._velocity, self._halting, self._by_velocity = None, False, False
         self._motion_seen, self._motion_since = False, None

@@ -58,7 +58,8 @@ class Sources:
         bench.wait(lambda: world.modes)
         for publisher in (gait, self.plain, self.teleop, self.stamped, self.word, self.autonomy, self.lock):
             bench.wait(lambda publisher=publisher: publisher.get_subscription_count() >= 1)
-        bench.spin(0.2)
+        begin = self.node._reports.t
+        bench.wait(lambda: self.node._reports.t > begin + 0.6)  # sooner a velocity is one that goes on from before
 
     @property
     def refusal(self) -> str:
@@ -118,6 +119,26 @@ def test_a_stopped_stream_does_not_walk_again_on_the_zero_of_another_source(benc
         assert sources.node._law.still
     sources.until((0.0, 0.0, 0.0), (sources.plain, (0.0, 0.0, 0.0)))
     sources.until(ahead, (sources.plain, ahead))
+
+
+def test_a_stream_from_before_a_supervisor_that_starts_beside_a_standing_robot_begins_no_walk(
+    bench: Any, world: World, g1: RobotModel
+) -> None:
+    ahead, velocity = velocity_to_twist((0.3, 0.0, 0.0)), bench.world.create_publisher(Twist, topics.CMD_VEL, COMMAND)
+    timer = bench.world.create_timer(0.05, lambda: velocity.publish(ahead))
+    world.robot(g1)
+    world.tick = 1000
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True)
+    gait = StatusTopic(bench.world, topics.GAIT_STATUS, LATCHED)
+    gait.publish(GaitStatus(ready=True, settled=True))
+    bench.wait(lambda: "walks again after a zero or a pause" in str(node.values.get("last refusal", "")))
+    bench.spin(1.0)
+    assert set(world.modes) == {"stand"}
+    timer.cancel()
+    bench.spin(0.7)
+    velocity.publish(ahead)
+    bench.wait(lambda: world.modes[-1] == "walk")
 
 
 def test_a_velocity_begins_a_walk_that_ends_in_a_stand(bench: Any, sources: Sources) -> None:

@@ -377,6 +377,19 @@ def test_only_its_own_zero_or_pause_lets_a_velocity_walk_again(walker: Superviso
     assert walker.drive(True, fresh=True, source="plain").accepted
 
 
+def test_no_walk_begins_before_the_robot_stands_by_itself(walker: Supervisor) -> None:
+    walker.request(Mode.DAMP)
+    walker.set_preflight(())
+    walker.request(Mode.STAND)
+    assert walker.barred("plain", fresh=False)  # a velocity from before it stood up
+    walker.held = True
+    for reply in (walker.text("forward"), walker.request(Mode.WALK), walker.drive(True, fresh=True)):
+        assert not reply.accepted and "held at its start" in reply.reason
+    assert walker.mode is Mode.STAND and walker.take_velocity() is None
+    walker.held = False
+    assert walker.drive(True, fresh=True).accepted and walker.mode is Mode.WALK
+
+
 def test_velocities_begin_no_walk_where_that_is_disabled(g1: RobotModel) -> None:
     config = replace(default_config(SupervisorConfig, "controllers", "supervisor"), walk_on_velocity=False)
     law = Supervisor(g1, config, gait=True)
