@@ -7,13 +7,13 @@ import numpy as np
 from controllers.balance.head import Head
 from controllers.balance.upper_body import UpperBodyMotion
 from controllers.whole_body.config import BalanceConfig
+from models.config import default_config
 from models.robot_model import RobotModel
 from models.spline import fade_out
-from models.trajectory import TrajectorySampler, validate_trajectory
+from models.trajectory import TrajectoryLimits, TrajectorySampler, validate_trajectory
 from models.types import JointTrajectory, Reference, Vector
 
 STILL = 1e-9  #: Velocity that rounding leaves [rad/s]
-OVERSHOOT = 0.02  #: How far the way to a first point may lead beyond a joint limit [rad]
 _POWERS = np.linspace(0.0, 1.0, 8)[:, None] ** np.arange(6)  #: Of instants on a segment
 
 
@@ -29,6 +29,7 @@ class MotionPlayer:
     def __init__(self, model: RobotModel, config: BalanceConfig, head: Head | None) -> None:
         self._model, self._config, self._head = model, config, head
         self._upper = UpperBodyMotion(model, config.motion_fade)
+        self._overshoot = default_config(TrajectoryLimits, "models", "trajectory").overshoot_tolerance
         self.free = self._upper.free
         self.zero = np.zeros(model.nj)
         self._stand = model.posture("stand")
@@ -55,9 +56,9 @@ class MotionPlayer:
         A single point at rest, or at t = 0, takes at least ``setpoint_time_s``, so that a stream of them is followed
         smoothly. A velocity that the motion does not start with, as of a joint which it does not name, or which would
         take it beyond the joint limits, fades out within ``stop_time_s``. A motion that does not end at rest slows down
-        after its end like a stopped one. While
-        ``walking``, only arms and head follow, blended in and out; while ``stepping``, the gait moves legs and torso
-        until the motion ends. Raises ``TrajectoryError`` or ``JointNameError`` as ``validate_trajectory`` does.
+        after its end like a stopped one. While ``walking``, only arms and head follow, blended in and out; while
+        ``stepping``, the gait moves legs and torso until the motion ends. Raises ``TrajectoryError`` or
+        ``JointNameError`` as ``validate_trajectory`` does.
         """
         start, speed = self._start(reference, trajectory)
         if walking:
@@ -145,7 +146,7 @@ class MotionPlayer:
 
     def _begin(self, trajectory: JointTrajectory, start: Vector, speed: Vector) -> None:
         self._motion = TrajectorySampler(trajectory, self._model, start, speed)
-        if not self._stays_inside(self._motion, start):
+        if speed.any() and not self._stays_inside(self._motion, start):
             self._motion = TrajectorySampler(trajectory, self._model, start)
         self._time, self._standing_up = 0.0, False
         left = speed - self._motion.sample(0.0)[1]
@@ -171,7 +172,7 @@ class MotionPlayer:
             return True
         q = _POWERS @ motion.coefficients[0]  # (8, nj)
         low, high = np.minimum(self._model.q_lower, start), np.maximum(self._model.q_upper, start)
-        return bool(((q > low - OVERSHOOT) & (q < high + OVERSHOOT)).all())
+        return bool(((q > low - self._overshoot) & (q < high + self._overshoot)).all())
 
     def _trajectory_to(self, end: Vector, time: float) -> JointTrajectory:
         """Trajectory to a posture (nj,) [rad] at rest within a time [s]."""

@@ -51,7 +51,13 @@ class UpperBodyMotion:
 
     def release(self) -> None:
         """Forget the motion at once; what it adds to the posture fades out."""
-        self._motion, self._former, self._since = None, self._added, 0.0
+        if not self._idle:
+            self._motion, self._former, self._since = None, self._added, 0.0
+
+    @property
+    def _idle(self) -> bool:
+        """Whether nothing is added to the posture."""
+        return self._motion is None and self._since >= self._fade_time
 
     def follow(self, trajectory: JointTrajectory, posture: Vector) -> None:
         """Start a motion that was planned from a posture (nj,) [rad]; errors as of ``validate_trajectory``."""
@@ -67,13 +73,15 @@ class UpperBodyMotion:
 
     def step(self, posture: Vector, velocity: Vector, acceleration: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
         """The posture, its rate and the rate of that with the motion in them, a tick of so many seconds later."""
+        if self._idle:
+            return posture, velocity, acceleration
         self._t += dt
         self._since += dt
         if self._t >= self._end:
             self._motion = None
-        if self._motion is None and self._since >= self._fade_time:
-            self._added[:] = 0.0
-            return posture, velocity, acceleration
+            if self._idle:
+                self.drop()
+                return posture, velocity, acceleration
         self._added = added = np.zeros((3, self._model.nj))
         if self._motion is not None:
             added += self._blended(self._motion, posture, velocity, acceleration)
