@@ -22,9 +22,9 @@ from models.types import Mode, SensorData
 
 
 class BlackBoxKeeper:
-    """Fills the ring, and has it written each time the robot leaves the active modes for damp or off.
+    """Fills the ring, and has it written each time the robot leaves the active modes for damp.
 
-    The faults in the reason come from the supervisor's status, which is received only until the file is written because
+    Mode off follows an active one only in a reset, which is deliberate. The faults in the reason come from the supervisor's status, which is received only until the file is written because
     it costs tick time. The file is also written when the drivers damp by themselves, with or without a supervisor.
     Failures are counted and reported in the diagnostics. A file can be replayed when ``stack`` logs its inputs.
     """
@@ -68,10 +68,10 @@ class BlackBoxKeeper:
     def _enter(self, mode: Mode) -> None:
         self._mode = mode
         self._note(f"mode {mode.value}")
-        if mode in ACTIVE_MODES:
-            self._armed = True
-        else:
+        if mode is Mode.DAMP:
             self._request_file(f"mode {mode.value}")
+        else:
+            self._armed = mode in ACTIVE_MODES
 
     def _on_driver_state(self, message: String) -> None:
         before, self._drivers = self._drivers, message.data[:32]

@@ -84,9 +84,20 @@ def test_a_fault_is_written_once(bench: Any, g1: RobotModel, tmp_path: Path) -> 
     assert stands.sum() == 70 and np.isfinite(record.command_q[stands]).all()
     assert np.isnan(record.command_q[~stands]).all() and (record.gyro == 0.5).all()
     robot.set_mode("stand")  # it goes on
-    robot.set_mode("off")
+    robot.set_mode("damp")
     robot.wait_outcome()
     assert len(list((tmp_path / "boxes").iterdir())) == 2
+
+
+def test_a_reset_is_no_fault(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    robot = Ticking(bench, g1, **{"black_box.folder": tmp_path / "boxes"})
+    for state, mode in ((topics.HELD, "stand"), (topics.ACTIVE, "stand"), (topics.HELD, "off"), (topics.ACTIVE, "off")):
+        robot.drivers.publish(String(data=state))
+        robot.set_mode(mode)
+    robot.drivers.publish(String(data=topics.DAMPED))  # nothing was active since
+    bench.spin(0.3)
+    robot.node.trigger_deactivate()  # writes what is due
+    assert not (tmp_path / "boxes").exists()
 
 
 def test_drivers_that_damp_by_themselves_are_enough(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
