@@ -105,6 +105,8 @@ class SupervisorStatus(Status, frozen=True):
     motion: str = ""  # requested or under way
     answered: Count = 0  # requests and text commands answered since the start
     answer: str = ""  # to the last one
+    locks: tuple[str, ...] = ()  # closed ones, by name: they silence sources of commands
+    obstacle: str = ""  # how an obstacle limits the walk; empty while none does
 
 
 class StartStatus(Status, frozen=True):

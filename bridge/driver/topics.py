@@ -166,7 +166,10 @@ class ScanTopic:
 
 
 class StatusTopics:
-    """Publishers of time, ``real_time_factor`` (NaN in the first second), driver state, offsets and description."""
+    """Publishers of time, ``real_time_factor``, driver state, offsets and description.
+
+    The factor is NaN in the first second, also after a pause.
+    """
 
     def __init__(self, node: PoiseNode, drivers: Drivers) -> None:
         self._drivers, self._published = drivers, ""
@@ -199,6 +202,11 @@ class StatusTopics:
         set_stamp(message.clock, stamp)
         self._time.publish(message)
         self.publish_factor(stamp)
+
+    def begin_factor(self, stamp: int, factor: float) -> None:
+        """Publish a factor, 0 for a pause, and average anew from the time of the robot [ns]."""
+        self.real_time_factor, self._factor_since = factor, (time.monotonic(), stamp)
+        self._factor.publish(Float64(data=factor))
 
     def publish_factor(self, stamp: int) -> None:
         """Publish the real-time factor when it is due, at the time of the robot [ns]; 0 where that stands still."""

@@ -1,5 +1,6 @@
 """Node ``robot_driver``: a plant and its joint drivers behind the topics of a robot."""
 
+import math
 import sys
 import time
 from collections.abc import Sequence
@@ -163,7 +164,7 @@ class RobotDriver(PoiseNode):
         offsets = self._calibration.read().encoder_offsets
         if self._simulated is not None:
             self._simulated.reset(hanging=hanging)
-        self.paused = False
+        self._pause(False)
         self.drivers.encoder_offsets = offsets if offsets.any() else None
         if self._simulated is not None:
             settled = self._simulated.settle()
@@ -238,7 +239,9 @@ class RobotDriver(PoiseNode):
         return self.drivers.state != topics.HELD and not self.drivers.awaits_command
 
     def _pause(self, paused: bool) -> None:
-        self.paused = paused
+        if paused is not self.paused:
+            self.paused = paused
+            self._status.begin_factor(self.stamp, 0.0 if paused else math.nan)
 
     def publish_tick(self, late: float) -> None:
         """Publish the sensors of this tick, which began ``late`` after its deadline [s]."""
@@ -309,7 +312,7 @@ class RobotDriver(PoiseNode):
         self.values["starts interrupted"] = str(self.drivers.interruptions)
         factor = self._status.real_time_factor
         self.values["real-time factor"] = f"{factor:.2f}"
-        if self._simulated is not None and factor < SLOW * self.config.speed:
+        if self._simulated is not None and not self.paused and factor < SLOW * self.config.speed:
             self.get_logger().warning(
                 f"simulated time runs at {factor:.2f} of real time: other programs use the processor, or the plant is "
                 f"slow; poise status has the present factor",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable
@@ -59,6 +60,8 @@ class Client:
         status: Newest status of the supervisor; None before the first.
         driver_state: Newest word on ``driver_state``; empty before the first.
         limited: How the gait planner limits the commanded velocity; empty while it does not.
+        commander: Source in command, of ``commands/active``; empty before the first word.
+        factor: Ratio of the robot's time to real time, 0 while it stands still; NaN before the first.
         node: The node, for further topics and services inside the ``with`` block.
     """
 
@@ -66,7 +69,8 @@ class Client:
         self.namespace = absolute_namespace(namespace)
         self._network, self._signer = network, signer
         self.mode = ""
-        self.driver_state = self.limited = ""
+        self.driver_state = self.limited = self.commander = ""
+        self.factor = math.nan
         self.motions: list[MotionStatus] = []
         self.status: SupervisorStatus | None = None
         self.node: Any
@@ -80,6 +84,8 @@ class Client:
         listen = self.node.create_subscription
         listen(String, topics.MODE, self._on_mode, LATCHED)
         listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+        listen(String, topics.COMMANDER, self._on_commander, LATCHED)
+        listen(Float64, topics.REAL_TIME_FACTOR, self._on_factor, LATCHED)
         subscribe_status(self.node, MotionStatus, topics.MOTION_STATUS, self.motions.append)
         subscribe_status(self.node, SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
         subscribe_status(self.node, GaitStatus, topics.GAIT_STATUS, self._on_gait, LATCHED)
@@ -93,6 +99,12 @@ class Client:
 
     def _on_driver_state(self, message: String) -> None:
         self.driver_state = message.data
+
+    def _on_commander(self, message: String) -> None:
+        self.commander = message.data
+
+    def _on_factor(self, message: Float64) -> None:
+        self.factor = message.data
 
     @property
     def _walks(self) -> bool:
@@ -109,6 +121,13 @@ class Client:
     def holds(self) -> str:
         """Why no walk may go on; empty without a reason."""
         return "" if self.status is None else "; ".join(self.status.holds)
+
+    @property
+    def paused(self) -> str:
+        """What to do where the robot's time stands still; empty while it advances."""
+        pause = f'ros2 service call {self.namespace}/pause std_srvs/srv/SetBool "{{data: false}}"'
+        text = f"the robot's time stands still: poise reset, or {pause}, ends a pause of the simulation"
+        return "" if self.factor else text
 
     def robot(self, timeout: float = 10.0) -> str:
         """Profile name of the running robot, from its supervisor's status; ``CommandError`` after ``timeout`` [s]."""
@@ -132,7 +151,7 @@ class Client:
             )
             remedy += "; if none is up, start it with: poise up"
         if self.namespace in robots:
-            remedy = "the robot is up: poise status says what it does"
+            remedy = self.paused or "the robot is up: poise status says what it does"
         elif robots:
             option = "leave --namespace out" if robots == {""} else "give --namespace"
             remedy = f"robots are up in {', '.join(robot or '/' for robot in sorted(robots))}: {option}"
@@ -270,18 +289,14 @@ TOPICS_TIMEOUT = 1.0  #: Longest wait for the other topics after that [s]
 
 def overview(client: Client) -> dict[str, str]:
     """Lines by their name; ``CommandError`` when no robot is up."""
-    factor: list[float] = []
-    commander: list[str] = []
     start: list[StartStatus] = []
-    listen = client.node.create_subscription
-    listen(Float64, topics.REAL_TIME_FACTOR, lambda message: factor.append(message.data), LATCHED)
-    listen(String, topics.COMMANDER, lambda message: commander.append(message.data), LATCHED)
     subscribe_status(client.node, StartStatus, topics.START_STATUS, start.append, LATCHED)
     client.robot(ROBOT_TIMEOUT)
 
     def complete() -> bool:
         real = client.node.count_publishers(topics.START_STATUS) > 0
-        return bool(factor and commander and client.driver_state and (start or not real))
+        known = client.commander and client.driver_state and not math.isnan(client.factor)
+        return bool(known and (start or not real))
 
     client.wait(complete, TOPICS_TIMEOUT)
     status = client.status
@@ -290,11 +305,11 @@ def overview(client: Client) -> dict[str, str]:
         "robot": f"{status.robot}, mode '{status.mode.value}'"
         + ("" if start else f", drivers '{client.driver_state or 'unknown'}'"),  # the start says more
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
-        "real-time factor": f"{factor[-1]:.2f}" if factor else "unknown",
-        "in command": commander[-1] if commander else "unknown",
+        "real-time factor": "unknown" if math.isnan(client.factor) else f"{client.factor:.2f}",
+        "in command": (client.commander or "unknown") + "".join(f"; lock '{lock}' is closed" for lock in status.locks),
         **({"walk": client.limited} if client.limited else {}),
         **(start_lines(start[-1]) if start else {}),
-        "next": next_step(status, start[-1] if start else None),
+        "next": client.paused or next_step(status, start[-1] if start else None),
     }
 
 
@@ -306,6 +321,11 @@ def start_lines(start: StartStatus) -> dict[str, str]:
         **({"values": "; ".join(start.values)} if start.values else {}),
         **({"remote controller": start.remote} if start.remote else {}),
     }
+
+
+def open_locks(status: SupervisorStatus) -> str:
+    """What to do about the closed locks; empty without one."""
+    return "; ".join(f"commands are locked out by '{x}': publish false on {topics.LOCKS}/{x}" for x in status.locks)
 
 
 def next_step(status: SupervisorStatus, start: StartStatus | None = None) -> str:
@@ -320,6 +340,8 @@ def next_step(status: SupervisorStatus, start: StartStatus | None = None) -> str
         return "poise mode reset_faults" + ("" if moving else "; poise mode stand")
     if start is not None and start.holds:
         return f"no motion and no walk before this is over: {'; '.join(start.holds)}"
+    if moving and status.locks:
+        return open_locks(status)
     if status.mode is Mode.STAND:
         return f"poise send wave; poise walk {0.3 if start is None else 0.2} 0 0; poise teleop"
     if moving:

@@ -11,9 +11,10 @@ from rclpy.serialization import deserialize_message
 from rclpy.time import Time
 from std_msgs.msg import Float64
 
-from bridge.ros.client import Client
+from bridge.ros.client import LIMITING, Client, open_locks
 from bridge.ros.environment import ignore, newest
 from bridge.ros.processes import in_namespace
+from controllers.commands.arbitration import NO_SOURCE, PLAIN
 from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.interfaces import interface
@@ -50,7 +51,8 @@ class RobotClock:
             stamp = deserialize_message(data, Odometry).header.stamp
             self._now, self._received = 1e-9 * Time.from_msg(stamp).nanoseconds, time.monotonic()
         elif time.monotonic() - self._received > SILENCE:
-            raise CommandError(f"no message on {topics.ODOM} for {SILENCE:g} s: poise status says what the robot does")
+            why = self._client.paused or "poise status says what the robot does"
+            raise CommandError(f"no message on {topics.ODOM} for {SILENCE:g} s: {why}")
         return self._now
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
@@ -63,31 +65,55 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     """Request mode walk, repeat a velocity for ``seconds`` of the robot's time, stop, and wait until it stands.
 
     ``velocity`` is forward [m/s], left [m/s], turn [rad/s]. The reply is accepted when the robot stands again after the
-    whole time; a hold ends the walk. Raises ``CommandError`` without a subscriber or an answer, ``MessageError`` when
-    the velocity is not finite.
+    whole time, and followed the velocity at its end; a hold ends the walk. Raises ``CommandError`` without a subscriber
+    or an answer, and when the robot's time stands still, ``MessageError`` when the velocity is not finite.
     """
     message = velocity_to_twist(velocity)
     velocity_from_twist(message)
+    clock = RobotClock(client)
+    followed: list[bool] = []  # whether the supervisor passes a velocity other than zero to the gait
+    listen = client.node.create_subscription
+    listen(Twist, topics.GAIT_VELOCITY, lambda m: followed.append(any(velocity_from_twist(m))), COMMAND)
     reply = client.trigger("mode/walk")
     if not reply.accepted:
         return reply
     publisher = client.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
 
     def ready() -> bool:
-        return publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value
+        return publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value and bool(followed)
+
+    def follows() -> bool:
+        return client.commander == PLAIN and (followed[-1] or not any(velocity))
 
     client.expect(ready, ANSWER_TIMEOUT, "subscriber in mode 'walk' on", topics.CMD_VEL)
     limits: list[str] = []
     subscribe_status(client.node, GaitStatus, topics.GAIT_STATUS, lambda s: limits.append(s.limited), LATCHED)
-    clock = RobotClock(client)
     end = clock.now() + seconds
     while (left := end - clock.now()) > 0.0 and client.mode == Mode.WALK.value and not client.holds:
         publisher.publish(message)
         client.spin(min(PERIOD, left))
     limit = next((f"; {text}" for text in reversed(limits) if text), "")
-    held = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
-    stood = _stand(client, clock, held or f"walked for {seconds:g} s{limit}")
-    return CommandReply(stood.accepted and not held, stood.reason)
+    ended = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
+    if not ended and seconds and client.mode == Mode.WALK.value and not client.wait(follows, LIMITING):
+        ended = f"the robot does not follow the velocity: {_reasons(client)}"
+    stood = _stand(client, clock, ended or f"walked for {seconds:g} s{limit}")
+    return CommandReply(stood.accepted and not ended, stood.reason)
+
+
+def _reasons(client: Client) -> str:
+    """Why the supervisor does not pass the velocity of this client to the gait, and what to do."""
+    status, found = client.status, []
+    if client.commander not in (PLAIN, NO_SOURCE):
+        found.append(f"'{client.commander}' is in command")
+    if status is not None:
+        found += filter(None, (open_locks(status), status.obstacle))
+        if not found and status.refusal.startswith(f"{topics.CMD_VEL}: "):
+            found.append(f"the supervisor refused {status.refusal}")
+    topic = client.node.resolve_topic_name(topics.CMD_VEL)
+    names = {end.node_name for end in client.node.get_publishers_info_by_topic(topic)} - {client.node.get_name()}
+    if names:
+        found.append(f"end {' and '.join(sorted(names))}, which publishes on {topic}, too")
+    return "; ".join(found) or "the terminal of poise up, and ros2 topic echo /refusals, say why"
 
 
 def walk_to(client: Client, goal: tuple[float, float, float], around: bool | None = None) -> CommandReply:
@@ -99,6 +125,7 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
     """
     if around is not None:
         client.set_parameter("gait_planner", "around", around)
+    clock = RobotClock(client)
     routes: list[RouteStatus] = []
     margins: list[float] = []
     subscribe_status(client.node, RouteStatus, topics.ROUTE_STATUS, routes.append)
@@ -121,7 +148,6 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
         client.wait(lambda: bool(routes), 1.0)
     if not routes:
         return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
-    clock = RobotClock(client)
     clock.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
     stood = _stand(client, clock, f"goal {routes[-1]}")
     return CommandReply(stood.accepted and routes[-1].state is RouteState.DONE, stood.reason)

@@ -24,8 +24,9 @@ from models.types import Mode, SensorData
 class BlackBoxKeeper:
     """Fills the ring, and has it written each time the robot leaves the active modes for damp.
 
-    Mode off follows an active one only in a reset, which is deliberate. The faults in the reason come from the supervisor's status, which is received only until the file is written because
-    it costs tick time. The file is also written when the drivers damp by themselves, with or without a supervisor.
+    Mode off follows an active one only in a reset, which is deliberate. The faults in the reason come from the
+    supervisor's status, which is received only until the file is written because it costs tick time. The file is also
+    written when the drivers damp by themselves, with or without a supervisor.
     Failures are counted and reported in the diagnostics. A file can be replayed when ``stack`` logs its inputs.
     """
 

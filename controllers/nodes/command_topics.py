@@ -92,12 +92,21 @@ class CommandTopics:
 
     def values(self) -> dict[str, str]:
         """Items for the diagnostics."""
-        t = self._reports.t
         return {
-            "in command": self._arbiter.in_command(t),
-            "locks": ", ".join(self._arbiter.locks(t)) or "none",
+            "in command": self._arbiter.in_command(self._reports.t),
+            "locks": ", ".join(self.locks) or "none",
             "obstacles": self._obstacle or ("none in the way" if self._obstacles is not None else "not watched"),
         }
+
+    @property
+    def locks(self) -> tuple[str, ...]:
+        """Names of the closed locks."""
+        return self._arbiter.locks(self._reports.t)
+
+    @property
+    def obstacle(self) -> str:
+        """How an obstacle limits the walk; empty while none does."""
+        return self._obstacle if self._walking else ""
 
     def take(self) -> None:
         """Act on the velocity or the standstill that a word has requested."""

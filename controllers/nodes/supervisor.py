@@ -217,6 +217,8 @@ class SupervisorNode(PoiseNode):
             motion=law.motion or "",
             answered=self._answered,
             answer=self._last_answer,
+            locks=self._commands.locks,
+            obstacle=self._commands.obstacle,
         )
         self._publish_status(status)
 

@@ -24,7 +24,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header, String
+from std_msgs.msg import Float64, Header, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectoryPoint
 
@@ -70,7 +70,11 @@ class FakeSupervisor(Node):
         for mode in ("walk", "stand"):
             self.create_service(Trigger, f"mode/{mode}", partial(self.on_mode, mode))
         self.create_subscription(Twist, topics.CMD_VEL, lambda message: None, COMMAND)
-        self.odometry, self.speed = self.create_publisher(Odometry, topics.ODOM, STATE), 1.0
+        self.odometry, self.speed, self.silent = self.create_publisher(Odometry, topics.ODOM, STATE), 1.0, False
+        self.velocity, self.asked = self.create_publisher(Twist, topics.GAIT_VELOCITY, COMMAND), Twist()
+        self.commander = self.create_publisher(String, topics.COMMANDER, LATCHED)
+        self.factor = self.create_publisher(Float64, topics.REAL_TIME_FACTOR, LATCHED)
+        self.record = SupervisorStatus("g1", Mode.STAND, 0, "a velocity of another program", (), holds=("held",))
         self.create_timer(0.05, self.report)
 
     def on_text(self, message: String) -> None:
@@ -95,10 +99,11 @@ class FakeSupervisor(Node):
 
     def report(self) -> None:
         stamp = Time(nanoseconds=int(self.speed * self.get_clock().now().nanoseconds))
-        self.odometry.publish(Odometry(header=Header(stamp=stamp.to_msg())))
-        record = SupervisorStatus("g1", Mode.STAND, self.refused, "a velocity of another program", (), holds=("held",))
+        if not self.silent:
+            self.odometry.publish(Odometry(header=Header(stamp=stamp.to_msg())))
+        self.velocity.publish(self.asked)
         answer = "unknown command 'fly'" if self.texts[-1:] == ["fly"] else f"done: {self.texts[-1:]}"
-        self.status.publish(replace(record, answered=self.answered, answer=answer))
+        self.status.publish(replace(self.record, refused=self.refused, answered=self.answered, answer=answer))
 
 
 @pytest.fixture
@@ -158,6 +163,7 @@ def test_the_overview_names_the_next_step(supervisor: FakeSupervisor) -> None:
         ({"mode": Mode.DAMP, "faults": ("why",)}, "reset_faults; poise mode stand"),
         ({"mode": Mode.OFF, "preflight": ("no joint states",)}, "no joint states"),
         ({"mode": Mode.OFF}, "poise mode stand"),
+        ({"locks": ("pause",)}, "'pause': publish false on locks/pause"),
     ):
         assert word in next_step(replace(record, **changes))
     assert "no walk before this is over: 91 degC" in next_step(record, StartStatus("stand", holds=("91 degC",)))
@@ -168,6 +174,47 @@ def test_a_walk_that_is_held_is_reported(supervisor: FakeSupervisor) -> None:
         client.robot()
         reply = walk.walk(client, (0.2, 0.0, 0.0), 5.0)
     assert not reply.accepted and reply.reason.startswith("the walk was held after 0.0 s: held; mode 'stand'")
+
+
+@pytest.mark.parametrize(
+    ("commander", "changes", "reason"),
+    [
+        ("plain", {}, ""),
+        ("teleop", {}, "'teleop' is in command"),
+        ("none", {"locks": ("pause",)}, "commands are locked out by 'pause': publish false on locks/pause"),
+        ("plain", {"obstacle": "stopped: no scan"}, "stopped: no scan"),
+        ("none", {"refusal": "cmd_vel: stopped"}, "the supervisor refused cmd_vel: stopped; end other, which"),
+        ("none", {"refusal": "scan: of old"}, "end other, which publishes on /cmd_vel, too"),
+    ],
+)
+def test_a_walk_that_the_robot_does_not_follow_is_reported(
+    context: Context, supervisor: FakeSupervisor, commander: str, changes: dict[str, Any], reason: str
+) -> None:
+    supervisor.record = replace(supervisor.record, holds=(), **changes)
+    supervisor.asked.linear.x = 0.0 if reason else 0.2
+    supervisor.commander.publish(String(data=commander))
+    other = Node("other", context=context)
+    other.create_publisher(Twist, topics.CMD_VEL, COMMAND)
+    with Client() as client:
+        client.wait(lambda: "locks" not in changes or bool(client.status and client.status.locks), 10.0)
+        reply = walk.walk(client, (0.2, 0.0, 0.0), 0.5)
+    assert reply.accepted is not bool(reason) and reason in reply.reason
+    other.destroy_node()
+
+
+def test_a_pause_is_named(supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(walk, "SILENCE", 1.0)
+    paused = "time stands still: poise reset, or ros2 service call /pause"
+    supervisor.silent = True
+    supervisor.factor.publish(Float64(data=0.0))
+    with Client() as client:
+        assert paused in overview(client)["next"]
+        for move in (partial(walk.walk, seconds=1.0), walk.walk_to):
+            with pytest.raises(CommandError, match=f"no message on odom.*{paused}"):
+                move(client, (0.2, 0.0, 0.0))
+        assert client.mode == "stand"
+        with pytest.raises(CommandError, match=f"no service none.*{paused}"):
+            client.trigger("none", timeout=0.3)
 
 
 @pytest.mark.parametrize("end", [MotionStatus(MotionState.DONE), MotionStatus(MotionState.REFUSED, "", "too fast")])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState, LaserScan
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
@@ -179,6 +179,16 @@ def test_time_goes_on_after_a_reset_and_a_restart(bridge: RobotDriver) -> None:
         for each in again:
             each()
         assert bridge.running
+
+
+def test_a_pause_is_published_at_once(bench: Any, bridge: RobotDriver) -> None:
+    seen: list[float] = []
+    bench.world.create_subscription(Float64, topics.REAL_TIME_FACTOR, lambda m: seen.append(m.data), LATCHED)
+    bench.wait(lambda: bench.world.count_publishers(topics.REAL_TIME_FACTOR))
+    bridge._pause(True)
+    bench.wait(lambda: seen[-1:] == [0.0])
+    bridge.restart()
+    bench.wait(lambda: math.isnan(seen[-1]))
 
 
 def test_unknown_modes_are_refused_by_name(bridge: RobotDriver) -> None:

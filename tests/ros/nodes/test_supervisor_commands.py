@@ -18,9 +18,10 @@ from models.nodes.messages import set_stamp
 from models.nodes.odometry import velocity_to_twist
 from models.nodes.perception import scan_to_message
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
+from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
 from models.scan import Scan
-from models.status import GaitStatus, NodeStatus, RouteState, RouteStatus, StartStatus
+from models.status import GaitStatus, NodeStatus, RouteState, RouteStatus, StartStatus, SupervisorStatus
 from tests.ros.conftest import StatusTopic
 from tests.ros.supervisor_world import World
 
@@ -55,11 +56,15 @@ class Sources:
         self.stamped = node.create_publisher(TwistStamped, topics.CMD_VEL_STAMPED, COMMAND)
         self.word, self.autonomy = (node.create_publisher(String, name, EVENT) for name in (word, autonomy))
         self.lock = node.create_publisher(Bool, f"{topics.LOCKS}/pause", EVENT)
+        subscribe_status(node, SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
         bench.wait(lambda: world.modes)
         for publisher in (gait, self.plain, self.teleop, self.stamped, self.word, self.autonomy, self.lock):
             bench.wait(lambda publisher=publisher: publisher.get_subscription_count() >= 1)
         begin = self.node._reports.t
         bench.wait(lambda: self.node._reports.t > begin + 0.6)  # sooner a velocity is one that goes on from before
+
+    def _on_status(self, status: SupervisorStatus) -> None:
+        self.status = status
 
     @property
     def refusal(self) -> str:
@@ -99,7 +104,9 @@ def test_the_source_of_the_highest_priority_is_in_command(bench: Any, sources: S
     sources.until(ahead)
     sources.lock.publish(Bool(data=True))
     sources.until((0.0, 0.0, 0.0))
+    bench.wait(lambda: sources.status.locks == ("pause",))
     sources.lock.publish(Bool(data=False))
+    bench.wait(lambda: sources.status.locks == ())
     sources.autonomy.publish(String(data="stop"))  # everybody may
     bench.wait(lambda: sources.node._law.still)
     sources.until((0.0, 0.0, 0.0))
@@ -269,6 +276,7 @@ def test_an_obstacle_ends_the_way_ahead_and_a_walk_to_a_goal(bench: Any, world: 
     ranges[85:96] = 0.5
     sources.until((0.0, 0.0, 0.0), (sources.plain, ahead))
     assert "obstacle" in sources.node._commands.values()["obstacles"]
+    bench.wait(lambda: "stopped: obstacle" in sources.status.obstacle)
     sources.until(back, (sources.plain, back))
     halted.clear()
     world.twist[0] = 0.3
