@@ -85,10 +85,6 @@ def connected(network: bool, namespace: str, key: Path | None = None, source: st
         signer = signer_of(key, source)
         need_ros()
         from bridge.ros.client import Client
-        from bridge.ros.environment import graphs_elsewhere
-        from bridge.ros.processes import absolute_namespace
 
-        if not network and (elsewhere := graphs_elsewhere(absolute_namespace(namespace))):
-            typer.secho(elsewhere, fg="yellow", err=True)  # now, not after the wait for a service
         with Client(network=network, namespace=namespace, signer=signer) as client:
             yield client

@@ -129,14 +129,19 @@ class Client:
         text = f"the robot's time stands still: poise reset, or {pause}, ends a pause of the simulation"
         return "" if self.factor else text
 
-    def robot(self, timeout: float = 10.0) -> str:
+    def robot(self, timeout: float = 5.0) -> str:
         """Profile name of the running robot, from its supervisor's status; ``CommandError`` after ``timeout`` [s]."""
         self.expect(lambda: self.status is not None, timeout, "robot on", topics.SUPERVISOR_STATUS)
         assert self.status is not None
         return self.status.robot
 
     def expect(self, condition: Callable[[], bool], timeout: float, what: str, name: str) -> None:
-        """Wait for ``what`` at a topic or service; ``CommandError`` after ``timeout`` [s] with namespaces of robots."""
+        """Wait for ``what`` at a topic or service; ``CommandError`` after ``timeout`` [s] with namespaces of robots.
+
+        The wait is at most ``ROBOT_TIMEOUT`` where other graphs run on this machine instead.
+        """
+        elsewhere = "" if self._network else graphs_elsewhere(self.namespace)
+        timeout = min(timeout, ROBOT_TIMEOUT) if elsewhere else timeout
         if self.wait(condition, timeout):
             return
         end = f"/{topics.SUPERVISOR_STATUS}"
@@ -146,9 +151,7 @@ class Client:
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         remedy = f"poise up ({holder}) is starting, or does not answer; in need use the robot's remote controller"
         if not holder:
-            remedy = (
-                graphs_elsewhere(self.namespace) or f"is the robot up in ROS domain {domain}, that of this terminal?"
-            )
+            remedy = elsewhere or f"is the robot up in ROS domain {domain}, that of this terminal?"
             remedy += "; if none is up, start it with: poise up"
         if self.namespace in robots:
             remedy = self.paused or "the robot is up: poise status says what it does"
@@ -178,9 +181,12 @@ class Client:
                 meanwhile()
         return True
 
+    def _expect_subscriber(self, timeout: float = 5.0) -> None:
+        self.expect(lambda: self._text.get_subscription_count() > 0, timeout, "subscriber on", topics.HUMANOID_COMMANDS)
+
     def send(self, text: str, timeout: float = 5.0) -> None:
         """Publish a text command; ``CommandError`` without a subscriber in ``timeout`` [s], or if signing fails."""
-        self.expect(lambda: self._text.get_subscription_count() > 0, timeout, "subscriber on", topics.HUMANOID_COMMANDS)
+        self._expect_subscriber(timeout)
         self.spin(self._entered + DISCOVERY - time.monotonic())  # nodes of the user subscribe, too
         self._text.publish(String(data=signed(text, self._signer)))
 
@@ -192,6 +198,7 @@ class Client:
         Each is awaited for ``timeout`` [s], a motion for ``PLANNING`` [s]. Raises ``CommandError`` when no supervisor
         subscribes.
         """
+        self._expect_subscriber()
         self.wait(lambda: self.status is not None, timeout)
         before = self.status
         self.motions.clear()
@@ -226,7 +233,7 @@ class Client:
         answer = self.call(Trigger, service, Trigger.Request(), timeout, answer_timeout or timeout, at_once=at_once)
         return text_to_reply(bool(answer.success), str(answer.message))
 
-    def await_trigger(self, service: str, timeout: float = 10.0) -> str:
+    def await_trigger(self, service: str, timeout: float = 5.0) -> str:
         """Wait for a std_srvs/Trigger service; returns the profile name of the robot, as far as its supervisor is up.
 
         ``CommandError`` when the service is absent for ``timeout`` [s].
@@ -239,7 +246,7 @@ class Client:
         self.wait(lambda: self.status is not None, DISCOVERY)
         return "robot without supervisor" if self.status is None else self.status.robot
 
-    def switch(self, service: str, on: bool, timeout: float = 10.0) -> CommandReply:
+    def switch(self, service: str, on: bool, timeout: float = 5.0) -> CommandReply:
         """Call a std_srvs/SetBool service; otherwise as ``trigger``."""
         answer = self.call(SetBool, service, SetBool.Request(data=on), timeout, timeout)
         return text_to_reply(bool(answer.success), str(answer.message))

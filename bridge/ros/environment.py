@@ -136,8 +136,8 @@ def graph_holder(namespace: str) -> str:
 
 
 def graphs_elsewhere(namespace: str) -> str:
-    """Domains with a graph of this user on this machine, where there is none in that of this process; else empty."""
-    own, user = _graph(None, namespace)[0], f"-{os.getuid()}.lock"
+    """Graphs of this user on this machine, each with the remedy, where none runs in domain and namespace; else empty."""
+    (own, place), user = _graph(None, namespace), f"-{os.getuid()}.lock"
     held: dict[str, str] = {}
     for file in Path(tempfile.gettempdir()).glob(f"poise-graph-*{user}"):
         name = file.name.removeprefix("poise-").removesuffix(user)
@@ -147,11 +147,15 @@ def graphs_elsewhere(namespace: str) -> str:
             claim.close()
     if own in held or not held:
         return ""
-    found = "; ".join(f"{name.removeprefix('graph-')}: {claim}" for name, claim in sorted(held.items()))
-    return (
-        f"no graph runs in {_graph(None, namespace)[1]}, but in these ({found}): in this terminal, too, export its "
-        f"ROS_DOMAIN_ID"
-    )
+    found = []
+    for name, claim in sorted(held.items()):
+        domain, *parts = name.removeprefix("graph-").split("-")
+        there = "".join(f"/{part}" for part in parts)
+        remedy = [f"export ROS_DOMAIN_ID={domain}"] if int(domain) != ros_domain() else []
+        if there != namespace:
+            remedy.append(f"give --namespace {there}" if there else "leave --namespace out")
+        found.append(f"{_graph(int(domain), there)[1]} ({claim}): {' and '.join(remedy)}")
+    return f"no graph runs in {place}, but in {'; in '.join(found)}"
 
 
 def _is_free(domain: int) -> bool:

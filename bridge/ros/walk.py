@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 
 from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Odometry
@@ -40,6 +41,8 @@ class RobotClock:
     """Time of the robot, simulated or real: the newest stamp of its odometry."""
 
     def __init__(self, client: Client) -> None:
+        here = partial(client.node.count_publishers, topics.ODOM)
+        client.expect(lambda: here() > 0, ANSWER_TIMEOUT, "publisher on", topics.ODOM)
         self._client, self._now, self._received = client, math.nan, time.monotonic()
         self._node = Node("poise_clock", context=client.node.context, **in_namespace(client.namespace))  # not spun
         self._odometry = self._node.create_subscription(Odometry, topics.ODOM, ignore, SENSOR, raw=True)
@@ -158,6 +161,8 @@ def reset(client: Client) -> CommandReply:
     try:
         reply = client.trigger("reset")
     except CommandError as error:
+        if client.status is None:  # no robot at all
+            raise
         raise CommandError(f"{error}; only a simulated robot has it: lift another one by a gantry") from error
     if not reply.accepted:
         return reply

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -276,8 +277,12 @@ def test_every_subscriber_receives_a_command(supervisor: FakeSupervisor, monkeyp
     assert words.split("\n") == ["word 0", "word 1", "word 2", ""]
 
 
-def test_without_a_graph(context: Context) -> None:
+def test_without_a_graph(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(walk, "ANSWER_TIMEOUT", 0.3)
     with Client() as client:
+        for move in (partial(walk.walk, seconds=1.0), walk.walk_to):
+            with pytest.raises(CommandError, match=r"no publisher on odom.*start it with: poise up"):
+                move(client, (0.2, 0.0, 0.0))
         with pytest.raises(CommandError, match=r"no subscriber on humanoid_commands.*start it with: poise up"):
             client.send("wave", timeout=0.3)
         with pytest.raises(CommandError, match="no service mode/stand"):
@@ -293,12 +298,21 @@ def test_a_robot_that_is_starting_is_no_reason_to_start_one(context: Context, ro
             client.robot(timeout=0.3)
 
 
-def test_a_graph_in_another_domain_is_named(context: Context, ros_domain_id: int) -> None:
+def test_a_graph_in_another_domain_is_named(
+    context: Context, ros_domain_id: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # without the graphs of others
     other = ros_domain_id + 150  # which no test claims
     with Client(namespace="robot_1") as client, claim_graph("g1_hardware", other, ""):
-        named = rf"ROS domain {ros_domain_id}.*{other}: g1_hardware, process {os.getpid()}"
-        with pytest.raises(CommandError, match=named):
+        named = rf"ROS domain {ros_domain_id}, namespace /robot_1, but in ROS domain {other} \(g1_hardware, process "
+        remedy = rf"{os.getpid()}\): export ROS_DOMAIN_ID={other} and leave --namespace out; if none is up"
+        with pytest.raises(CommandError, match=named + remedy):
             client.robot(timeout=0.3)
+        with claim_graph("g1", None, "/lab/robot_2"):
+            here = (
+                rf"in ROS domain {ros_domain_id}, namespace /lab/robot_2 \(g1, .*\): give --namespace /lab/robot_2(;|$)"
+            )
+            assert re.search(here, graphs_elsewhere("/robot_1")) and not graphs_elsewhere("/lab/robot_2")
         with claim_graph("g1", None, "/robot_1"):
             assert not graphs_elsewhere("/robot_1")
 
