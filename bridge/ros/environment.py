@@ -136,7 +136,7 @@ def graph_holder(namespace: str) -> str:
 
 
 def graphs_elsewhere(namespace: str) -> str:
-    """Graphs of this user on this machine, each with the remedy, where none runs in domain and namespace; else empty."""
+    """Graphs of this user on this machine, each with the remedy; empty where one runs in domain and namespace."""
     (own, place), user = _graph(None, namespace), f"-{os.getuid()}.lock"
     held: dict[str, str] = {}
     for file in Path(tempfile.gettempdir()).glob(f"poise-graph-*{user}"):

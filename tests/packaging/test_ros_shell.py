@@ -1,6 +1,7 @@
 """The session of a user of ROS 2 (``python -m tests.ros_shell``), and that it fails when a step does."""
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -56,6 +57,41 @@ def test_a_checkout_is_not_an_installation(root: Path) -> None:
     result = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False, timeout=60)
     assert result.returncode == 1
     assert "poise is not installed in" in result.stderr
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("line", "error"),
+    [
+        ("", "required: COMMAND"),
+        ("fly", "invalid choice: 'fly'"),
+        ("topic pub /x", "required: kind"),
+        ("topic pub -r nan /x std_msgs/msg/String", "invalid number of at least 0.001 value: 'nan'"),
+        ("topic pub /x String", "'String' is no type of an interface, such as std_msgs/msg/String"),
+        ("topic pub /x std_msgs/msg/String '{daata: 1}'", "no field 'daata'; its fields are {data: string}"),
+        ("topic pub /x std_msgs/msg/String '{data: ['", "is no YAML"),
+        ("topic pub /x std_msgs/msg/String hello", "'hello' does not name fields"),
+        ("topic pub /x std_msgs/msg/Bool '{data: 7}'", "data: 7 is no boolean"),
+        ("topic pub /x geometry_msgs/msg/Twist '{linear: {x: fast}}'", "x: 'fast' is no double"),
+        ("topic pub /x trajectory_msgs/msg/JointTrajectory '{points: [3]}'", "3 does not name fields"),
+        ("topic pub 'x y' std_msgs/msg/String", "Invalid topic name"),
+        ("topic info /nothing", "Unknown topic '/nothing': ros2 topic list"),
+        ("service call /x std_srvs/srv/Trigger '{a: 1}'", "no field 'a'"),
+        ("pkg prefix nothing", "Package 'nothing' not found"),
+        ("interface show nothing/msg/X", "Package 'nothing' not found"),
+    ],
+)
+def test_what_is_wrong_with_a_command_is_one_line(root: Path, ros_domain_id: int, line: str, error: str) -> None:
+    command = [sys.executable, str(root / "tests/ros_shell/ros2.py"), *shlex.split(line)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert result.returncode in (1, 2) and not result.stdout
+    assert error in result.stderr.splitlines()[-1], result.stderr
+
+
+@pytest.mark.parametrize("line", ["--help", "topic pub --help", "action send_goal --help"])
+def test_help_is_no_error(root: Path, line: str) -> None:
+    command = [sys.executable, str(root / "tests/ros_shell/ros2.py"), *line.split()]
+    assert subprocess.run(command, capture_output=True, check=False, timeout=60).returncode == 0
 
 
 @pytest.mark.slow

@@ -10,25 +10,41 @@ ITEMS_MAX = 128
 
 
 def kind_of(name: str) -> Any:
-    """Type of a name such as ``std_msgs/msg/String``."""
-    package, kind, last = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), last)
+    """Type of a name such as ``std_msgs/msg/String``; ``ValueError`` when there is none."""
+    try:
+        package, kind, last = name.split("/")
+        return getattr(importlib.import_module(f"{package}.{kind}"), last)
+    except (ValueError, ImportError, AttributeError) as error:
+        raise ValueError(f"'{name}' is no type of an interface, such as std_msgs/msg/String: {error}") from error
 
 
 def fill(message: Any, values: str | dict[str, Any]) -> Any:
-    """Set fields from YAML; the others keep their defaults."""
-    given = yaml.safe_load(values) if isinstance(values, str) else values
+    """Set fields from YAML; the others keep their defaults. ``ValueError`` names a field that is wrong."""
+    try:
+        given = yaml.safe_load(values) if isinstance(values, str) else values
+    except yaml.YAMLError as error:
+        raise ValueError(f"{values!r} is no YAML: {' '.join(str(error).split())}") from error
+    fields = message.get_fields_and_field_types()
+    kinds = ", ".join(f"{name}: {kind}" for name, kind in fields.items())
+    if not isinstance(given, dict):
+        raise ValueError(f"{given!r} does not name fields, as '{{NAME: VALUE}}'; they are {{{kinds}}}")
     for name, value in given.items():
-        kind = message.get_fields_and_field_types()[name]
-        before = getattr(message, name)
+        if name not in fields:
+            raise ValueError(f"{type(message).__name__} has no field '{name}'; its fields are {{{kinds}}}")
+        kind, before = fields[name], getattr(message, name)
         if hasattr(before, "get_fields_and_field_types"):
             fill(before, value)
-        elif kind.startswith("sequence<") and "/" in kind:
-            package, _, last = kind.removeprefix("sequence<").rstrip(">").partition("/")
+        elif kind.startswith("sequence<") and "/" in kind and isinstance(value, list):
+            package, _, last = kind.removeprefix("sequence<").split(">")[0].split(",")[0].partition("/")
             item = kind_of(f"{package}/msg/{last}")
             setattr(message, name, [fill(item(), each) for each in value])
         else:
-            setattr(message, name, value if isinstance(value, list) else type(before)(value))
+            try:
+                if isinstance(before, bool) is not isinstance(value, bool):
+                    raise TypeError(value)
+                setattr(message, name, value if isinstance(value, list) else type(before)(value))
+            except (TypeError, ValueError, AssertionError, OverflowError) as error:
+                raise ValueError(f"{name}: {value!r} is no {kind}") from error
     return message
 
 
