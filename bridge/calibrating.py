@@ -37,7 +37,7 @@ class Calibrator:
         if not ready:
             mode = lockstep.stack.mode.value
             return CommandReply(False, f"calibration of '{what[:32]}' refused in mode '{mode}': stand or hang first")
-        reply = self._session.start(what)
+        reply = self._session.start(what, standing=not lockstep.hanging)
         if not reply.accepted:
             return reply
         self._wait(self._session.config.settle)

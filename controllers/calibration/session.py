@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from msgspec import structs
 
 from controllers.calibration.closed_chain import calibrate_closed_chain
 from controllers.calibration.config import CalibrationConfig
@@ -35,7 +36,8 @@ class CalibrationSession:
     """Collects raw samples and turns them into a calibration; deterministic, no clock, no files.
 
     ``joints`` depends on the feet: when they carried the robot it closes the chain through both soles, and when they
-    hung it compares with the jig postures of the profile. ``what`` is the part under calibration, empty without one.
+    hung it compares with the jig postures of the profile. A robot without foot sensors cannot measure which, so ``start``
+    has an argument for it; ``feet`` is refused. ``what`` is the part under calibration, empty without one.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -43,6 +45,8 @@ class CalibrationSession:
         self.config = default_config(CalibrationConfig, "controllers", "calibration")
         self._limits = default_config(CalibrationLimits, "models", "calibration")
         self._averager = WindowAverager(model, self.config.window)
+        self._fitted = model.profile.sensors.feet.fitted
+        self._assumed = np.zeros((2, 6))  # wrenches where no foot sensors are fitted [N, N.m]
         self.what = ""
 
     @property
@@ -50,13 +54,19 @@ class CalibrationSession:
         """Time that the collected windows cover [s]."""
         return len(self._averager.windows) * self.config.window
 
-    def start(self, what: str) -> CommandReply:
-        """Begin to collect; refused while a calibration runs and for anything but imu, joints and feet."""
+    def start(self, what: str, *, standing: bool = True) -> CommandReply:
+        """Begin to collect; refused while a calibration runs and for anything but imu, joints and feet.
+
+        ``standing`` is whether both feet carry the robot; used where no foot sensors are fitted.
+        """
         if what not in WHATS:
             return CommandReply(False, f"calibration of {what[:32]!r} refused: known are {', '.join(WHATS)}")
         if self.what:
             return CommandReply(False, f"calibration of '{what}' refused: '{self.what}' is being calibrated")
+        if what == "feet" and not self._fitted:
+            return CommandReply(False, "calibration of 'feet' refused: this robot has no foot sensors")
         self.what = what
+        self._assumed[:, 2] = 0.5 * self._model.mass * self.config.gravity if standing else 0.0
         self._averager.clear()
         return CommandReply(True, f"collecting samples for '{what}'")
 
@@ -68,7 +78,7 @@ class CalibrationSession:
     def add(self, sensors: SensorData) -> None:
         """Add one raw sample (not corrected by any calibration); ignored without a calibration."""
         if self.what:
-            self._averager.add(sensors)
+            self._averager.add(sensors if self._fitted else structs.replace(sensors, wrenches=self._assumed))
 
     def clear(self) -> None:
         """Discard the samples; the calibration continues."""
@@ -179,7 +189,7 @@ class CalibrationProcedure:
             return CommandReply(False, reason)
         if what == "joints" and situation == HANGING:
             return CommandReply(False, "calibration of 'joints' refused in the air: it needs both soles on the floor")
-        reply = self._session.start(what)
+        reply = self._session.start(what, standing=situation == STANDING)
         if reply.accepted:
             self.problem, self._begun_in = "", situation
             self._motion = MOTIONS.get(what, "") if situation == STANDING else ""

@@ -164,6 +164,19 @@ def test_session_refuses_unknown_busy_and_idle(g1: RobotModel) -> None:
     assert session.start("feet").accepted
 
 
+@pytest.mark.parametrize("standing", [True, False])
+def test_a_robot_without_foot_sensors_is_calibrated_as_it_stands_or_hangs(standing: bool) -> None:
+    model = RobotModel.load("g1_hardware")
+    feed = Feed(model, "imu")
+    feed.wrenches, feed.gyro = np.full((2, 6), np.nan), np.array([0.05, -0.05, 0.02])
+    feed.session.cancel()
+    assert not feed.session.start("feet", standing=standing).accepted
+    assert feed.session.start("imu", standing=standing).accepted
+    np.testing.assert_allclose(found(feed.add(2.0).finish()).gyro_bias, feed.gyro, atol=2e-3)
+    assert feed.session.start("joints", standing=standing).accepted
+    refused(feed.add(0.5).finish(), "10 usable windows" if standing else "missing: zero")
+
+
 def jig(
     model: RobotModel, offsets: Vector, *, times: tuple[float, float] = (0.6, 0.6), second: Vector | None = None
 ) -> Feed:
