@@ -23,7 +23,7 @@ from models.nodes.messages import JointStateCodec, stamp_ns, to_seconds
 from models.nodes.odometry import OdometryCodec, contacts_from_message
 from models.nodes.parameters import declare, declare_config, declare_ns, declare_period
 from models.nodes.perception import cloud_from_message
-from models.nodes.qos import COMMAND, LATCHED, SENSOR, STATE
+from models.nodes.qos import COMMAND, SENSOR, STATE
 from models.nodes.services import own_message
 from models.nodes.spin import program
 from planners.terrain.config import TerrainMapConfig
@@ -90,7 +90,6 @@ class TerrainMapperNode(PoiseNode):
         self._odometry, self._joints, self._contacts = _History(), _History(), _History()
         self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(self.model)
         self._coming: tuple[bool, bool] | None = None  # contacts whose odometry has yet to come
-        self._offsets = np.zeros(self.model.nj)
         self._missing, self._outputs = "", list[tuple[Any, Callable[[int], Any]]]()
         try:
             kinds = grid_map_type(), own_message("TerrainPatches")
@@ -105,7 +104,6 @@ class TerrainMapperNode(PoiseNode):
         self.listen(
             JointState, topics.JOINT_STATES, lambda data: self._joints.add(stamp_of(data), data), SENSOR, raw=True
         )
-        self.listen(JointState, topics.ENCODER_OFFSETS, self._on_offsets, LATCHED, raw=True)
         self.listen_start(self._law.reset)  # set upright somewhere: the ground there is another
         sensors, qos = self.model.profile.sensors, COMMAND if self._reliable else SENSOR
         if sensors.depth is not None:
@@ -117,9 +115,6 @@ class TerrainMapperNode(PoiseNode):
         self._law.reset()
         self._published = [0, 0]  # stamps of the last map and patches [ns]
         self._took, self._clouds = 0.0, 0
-
-    def _on_offsets(self, data: bytes) -> None:
-        self._offsets = self._joints_codec.decode(data)[1]
 
     def _on_odometry(self, data: bytes) -> None:
         stamp = stamp_of(data)
@@ -163,7 +158,7 @@ class TerrainMapperNode(PoiseNode):
         if any(each is None for each in (*poses, *angles)):
             return None
         pose = pin.SE3ToXYZQUAT(pin.SE3.Interpolate(*map(pin.XYZQUATToSE3, poses), odometry[2]))
-        q = angles[0] + joints[2] * (angles[1] - angles[0]) - self._offsets
+        q = angles[0] + joints[2] * (angles[1] - angles[0])
         return Posture(np.concatenate([pose, q]), contacts[0] if contacts[2] < 0.5 else contacts[1])
 
     def _decoded(self, topic: str, codec: OdometryCodec | JointStateCodec, data: bytes) -> Any:

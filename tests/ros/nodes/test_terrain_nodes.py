@@ -240,9 +240,15 @@ def test_points_of_no_known_state_or_frame_are_refused(bench: Any, g1: RobotMode
 
 
 def test_states_are_those_of_the_stamp(bench: Any, g1: RobotModel) -> None:
-    """Poses and angles between two ticks, contacts of the nearer one; none in a hole, though states are around it."""
+    """Poses and angles between two ticks, contacts of the nearer one; none in a hole, though states are around it.
+
+    The drivers have subtracted the encoder offsets that they publish.
+    """
     mapper = bench.add(TerrainMapperNode)
     world = World(bench, g1)
+    zero = np.zeros(g1.nj)
+    offsets = world.bench.world.create_publisher(JointState, topics.ENCODER_OFFSETS, LATCHED)
+    offsets.publish(world._joints.encode(MS, zero + 0.03, zero, zero))
     world.until(lambda: mapper._joints.newest == world.stamp)
     before, first = world.state, world.stamp
     q = before.q + 0.1 * np.eye(g1.nq)[2] + 0.1 * np.eye(g1.nq)[10]
