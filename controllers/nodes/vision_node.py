@@ -1,5 +1,7 @@
 """Node ``vision_node``: images in, bearing of a target out; optionally the head follows it."""
 
+import math
+import time
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,9 @@ from models.nodes.qos import EVENT, SENSOR, STATE
 from models.nodes.spin import program
 from models.types import Vector
 
+SILENCE = 1.0  #: Time without a picture after which the diagnostics say so [s]
+ANGLES = ("azimuth [deg]", "elevation [deg]")  #: Items of the diagnostics while a target is in the picture
+
 
 class VisionNode(PoiseNode):
     """Runs ``TargetFinder`` on each image; with ``follow`` it turns the head by ``Gaze``."""
@@ -42,6 +47,7 @@ class VisionNode(PoiseNode):
         self._gaze = Gaze(self.model) if self._follow else None
         self._angles = AngleHistory()
         self._camera: Pinhole | None = None
+        self._newest = -math.inf  # arrival of the newest picture on the monotonic clock [s]
         self._bearings = self.announce(Vector3Stamped, topics.VISION_BEARING, STATE)
         self._detected = self.announce(Bool, topics.VISION_DETECTED, STATE)
         self.listen(CameraInfo, topics.CAMERA_INFO, self._on_info, SENSOR)
@@ -62,18 +68,16 @@ class VisionNode(PoiseNode):
             raise MessageError(f"no message on {topics.CAMERA_INFO} yet")
         if picture.shape[:2] != (camera.height, camera.width):
             raise MessageError(f"height, width: {picture.shape[:2]}, {(camera.height, camera.width)} by its info")
-        seen = self._finder.find(picture)
+        self._newest, seen = time.monotonic(), self._finder.find(picture)
         self._detected.publish(Bool(data=seen is not None))
         self._publish_bearing(message, None if seen is None else camera.bearing(seen.pixel))
 
     def _publish_bearing(self, image: Any, bearing: Vector | None) -> None:
         """Publish a bearing (3,), and turn the head there."""
         if bearing is None:
-            self.message = "no target in the picture"
+            self._report("no target in the picture")
             return
-        azimuth, elevation = np.degrees(azimuth_elevation(bearing))
-        self.message = "target in the picture"
-        self.values["azimuth [deg]"], self.values["elevation [deg]"] = f"{azimuth:.2f}", f"{elevation:.2f}"
+        self._report("target in the picture", *np.degrees(azimuth_elevation(bearing)).tolist())
         message = Vector3Stamped(header=image.header)
         message.vector.x, message.vector.y, message.vector.z = bearing.tolist()
         self._bearings.publish(message)
@@ -86,6 +90,17 @@ class VisionNode(PoiseNode):
             self.refuse(topics.HEAD_STATE, f"no angle of the head at {when:.3f} s, when a picture was taken")
             return
         self._head.publish(head_message(stamp, *self._gaze.aim(float(angles[0]), float(angles[1]), bearing)))
+
+    def _report(self, text: str, *angles: float) -> None:
+        """Set the diagnostics, with azimuth and elevation of a target [deg]."""
+        self.message = text
+        for name in ANGLES:
+            self.values.pop(name, None)
+        self.values |= {name: f"{angle:.2f}" for name, angle in zip(ANGLES, angles, strict=False)}
+
+    def before_diagnostics(self) -> None:
+        if self.active and time.monotonic() - self._newest > SILENCE:
+            self._report("no picture")
 
 
 main = program(VisionNode)

@@ -84,7 +84,7 @@ class AngleHistory:
         if not self._samples:
             return None
         stamps = [sample[0] for sample in self._samples]
-        if not stamps[0] - tolerance <= stamp <= stamps[-1] + tolerance:
+        if min(abs(stamp - each) for each in stamps) > tolerance:
             return None
         since = [float(each - stamps[0]) for each in stamps]
         angles = [np.interp(float(stamp - stamps[0]), since, column) for column in zip(*self._samples, strict=True)]

@@ -49,7 +49,8 @@ class TargetFinder:
         self._cv2 = cv2
         self.config = config or default_config(TargetConfig, "controllers", "vision")
         low, high = self.config.hue_from / _DEGREES_PER_HUE, self.config.hue_to / _DEGREES_PER_HUE
-        hues = [(low, high)] if low <= high else [(low, 180.0), (0.0, high)]
+        high += 180.0 * (high < low)
+        hues = [(low, high), (low - 180.0, high - 180.0)]  # a turn later a range may begin at 0 again
         rest = 255.0 * self.config.saturation_min, 255.0 * self.config.value_min
         self._ranges = [(np.array([first, *rest]), np.array([last, 255.0, 255.0])) for first, last in hues]
 

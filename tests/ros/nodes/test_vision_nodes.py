@@ -94,6 +94,8 @@ def test_angles_are_those_of_the_time_of_the_picture() -> None:
     assert angles is not None
     np.testing.assert_allclose(angles, [0.1, 1.05])
     assert history.at(135 * MS, 10 * MS) is None and history.at(85 * MS, 10 * MS) is None
+    history.add(180 * MS, 0.4, 1.2)
+    assert history.at(150 * MS, 10 * MS) is None  # a hole, though there are angles on both sides
     history.add(50 * MS, 0.3, 0.3)  # the robot was started anew
     assert history.at(105 * MS, 10 * MS) is None and history.at(50 * MS, 0) is not None
 
@@ -171,6 +173,22 @@ def test_a_ball_becomes_a_bearing_and_the_head_is_sent_after_it(bench: Any, talo
     other.publish(image_message(world.stamp, np.zeros((12, 20, 3), dtype=np.uint8)))
     bench.wait(lambda: vision.counters[f"refused {topics.CAMERA_IMAGE}"] == 1)
     assert "height, width: (12, 20)" in vision.values["last refusal"]
+
+
+def test_diagnostics_show_what_is_in_the_newest_picture(bench: Any) -> None:
+    vision = bench.add(VisionNode)
+    infos = bench.world.create_publisher(CameraInfo, topics.CAMERA_INFO, SENSOR)
+    pictures = bench.world.create_publisher(Image, topics.CAMERA_IMAGE, SENSOR)
+    bench.wait(lambda: infos.get_subscription_count() and pictures.get_subscription_count())
+    infos.publish(info_message(MS, Pinhole(40, 30, (40.0, 40.0), (19.5, 14.5))))
+    bench.wait(lambda: vision._camera is not None)
+    picture = np.full((30, 40, 3), 110, dtype=np.uint8)
+    for colour, text, shown in (((20, 180, 40), "target", True), ((110, 110, 110), "no target", False)):
+        picture[10:20, 10:20] = colour
+        pictures.publish(image_message(MS, picture))
+        bench.wait(lambda text=text: vision.message == f"{text} in the picture")
+        assert ("azimuth [deg]" in vision.values) is shown
+    bench.wait(lambda: vision.publish_diagnostics() or vision.message == "no picture")
 
 
 def test_without_a_gl_the_camera_says_what_brings_one_and_goes_on(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:

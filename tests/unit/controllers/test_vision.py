@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes.util
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -24,12 +24,13 @@ from models.robot_model import RobotModel
 if TYPE_CHECKING:
     from bridge.plants.camera import SimulatedCamera
 
+Colour = tuple[int, int, int]
 GREEN, ORANGE, RED = (20, 180, 40), (230, 115, 13), (220, 10, 20)
 
 needs_gl = pytest.mark.skipif(ctypes.util.find_library("EGL") is None, reason="EGL is not installed")
 
 
-def picture(colour: tuple[int, int, int], u: float, v: float, radius: float) -> np.ndarray:
+def picture(colour: Colour, u: float, v: float, radius: float) -> np.ndarray:
     """A grey picture with a disc."""
     rows, columns = np.mgrid[0:120, 0:160]
     drawn = np.full((120, 160, 3), 110, dtype=np.uint8)
@@ -59,9 +60,13 @@ def test_the_largest_patch_counts_and_the_edge_is_reported() -> None:
     assert cut is not None and not cut.whole
 
 
-def test_a_range_of_hues_may_go_through_red() -> None:
-    red = TargetFinder(replace(TargetFinder().config, hue_from=345.0, hue_to=15.0))
-    for colour in (RED, (220, 20, 10)):
+@pytest.mark.parametrize(
+    ("hue_from", "hue_to", "colours"),
+    [(345.0, 15.0, (RED, (220, 20, 10))), (345.0, 360.0, (RED, (220, 20, 20))), (360.0, 15.0, ((220, 20, 10),))],
+)
+def test_a_range_of_hues_may_go_through_red(hue_from: float, hue_to: float, colours: Sequence[Colour]) -> None:
+    red = TargetFinder(replace(TargetFinder().config, hue_from=hue_from, hue_to=hue_to))
+    for colour in colours:
         assert red.find(picture(colour, 50.0, 70.0, 8.0)) is not None
     assert red.find(picture(GREEN, 50.0, 70.0, 8.0)) is None
 
