@@ -113,7 +113,7 @@ class TerrainMapperNode(PoiseNode):
 
     def activate(self) -> None:
         self._law.reset()
-        self._published = [0, 0]  # stamps of the last map and patches [ns]
+        self._due = [0, 0]  # stamps of the next map and patches [ns]
         self._took, self._clouds = 0.0, 0
 
     def _on_odometry(self, data: bytes) -> None:
@@ -170,10 +170,11 @@ class TerrainMapperNode(PoiseNode):
             return None
 
     def _publish(self, stamp: int) -> None:
-        """Publish what is due at a stamp [ns] and has a subscriber."""
+        """Publish what is due at a stamp [ns] and has a subscriber; clouds may come up to half a period early."""
         for i, (publisher, message) in enumerate(self._outputs):
-            if stamp - self._published[i] >= self._periods[i] and not np.isnan(self._law.reference):
-                self._published[i] = stamp
+            late, half = stamp - self._due[i], self._periods[i] // 2
+            if late >= -half and not np.isnan(self._law.reference):
+                self._due[i] = self._periods[i] + (stamp if late > half else self._due[i])
                 if publisher.get_subscription_count():
                     publisher.publish(message(stamp))
 

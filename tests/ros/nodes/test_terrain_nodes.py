@@ -13,7 +13,7 @@ from bridge.nodes.range_sensor_node import RangeSensorNode
 from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.grid_map import grid_map_message, grid_map_type, layer_of, patches_message
-from models.nodes.messages import JointStateCodec
+from models.nodes.messages import JointStateCodec, stamp_ns
 from models.nodes.odometry import OdometryCodec, contacts_to_bytes
 from models.nodes.perception import cloud_from_message, cloud_message, depth_message, pinhole_of
 from models.nodes.qos import COMMAND, LATCHED, SENSOR, STATE
@@ -216,6 +216,12 @@ def test_clouds_become_a_map_and_patches_in_odom(bench: Any, g1: RobotModel, typ
     ahead = elevation[n // 2 + 25 : n // 2 + 50, n // 2 - 15 : n // 2 + 15]  # 0.5 to 1 m ahead
     assert elevation.shape == (n, n) and np.isfinite(ahead).mean() > 0.9
     assert np.sqrt(np.nanmean(ahead**2)) < 0.015
+    world.until(lambda: len(world.maps) > 20)
+    first, last = (stamp_ns(world.maps[i].header.stamp) for i in (0, -1))
+    stamps = {round(1e9 * cloud.t) for _, cloud in world.clouds if cloud.frame == DEPTH_FRAME}
+    pictures = {stamp for stamp in stamps if first <= stamp <= last}
+    unmapped = pictures - {stamp_ns(each.header.stamp) for each in world.maps}
+    assert len(unmapped) < 0.2 * len(pictures)  # none but those of which a state was lost
     world.drift = 0.5  # the ground goes with the feet
     world.maps.clear()
     world.until(lambda: len(world.maps) > 3)
