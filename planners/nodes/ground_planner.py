@@ -86,12 +86,12 @@ class GroundPlannerNode(PoiseNode):
         return Answer(request.number, tuple(steps), reason, level, stamp=stamp, blocked=blocked)
 
     def _ground(self, stamp: float) -> tuple[Heights, float] | None:
-        """The newest map and its stamp [s]; None when it is older than ``map_age_max`` at a stamp [s]."""
+        """The newest map and its stamp [s]; None when that is farther than ``map_age_max`` from a stamp [s]."""
         if self._map is None:
             return None
         message = deserialize_message(self._map, self._kind)
         seen = to_seconds(stamp_ns(message.header.stamp))
-        return (ground_from_message(message), seen) if stamp - seen <= self._age_max else None
+        return (ground_from_message(message), seen) if abs(stamp - seen) <= self._age_max else None
 
     def before_diagnostics(self) -> None:
         if not self.active:

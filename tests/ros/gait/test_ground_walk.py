@@ -261,6 +261,7 @@ def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotMod
     assert not watched.level and watched.steps == ()
     assert ask(5, 5.1, around=True).reason.startswith("no way around")  # the riser is as wide as the map
     assert ask(4, 7.0).blind  # the mapper is gone
+    assert ask(6, 1.0).blind  # so is the clock of the map
     requests.publish(UInt8MultiArray(data=[1, 2, 3]))
     bench.wait(lambda: node.counters[f"refused {topics.GROUND_REQUEST}"] == 1)
     assert math.isfinite(node._took)
