@@ -21,7 +21,8 @@ def detour(ground: Heights, line: Foothold, distance: float, clearance: float) -
     needs [m]. What is not known is taken for free. Raises ``UnreachableError`` when neither side is free.
     """
     cell, half = ground.cell, 0.5 * ground.cell * len(ground.values)
-    ways, sides = np.arange(0.0, distance + clearance, cell), np.arange(-half, half, cell)
+    reach = cell * np.hypot(*ground.values.shape)  # nothing is known beyond
+    ways, sides = np.arange(0.0, min(distance, reach) + clearance, cell), np.arange(-half, half, cell)
     places = np.array([line.moved(way, side) for way in ways.tolist() for side in sides.tolist()])
     heights: Matrix = ground.at(places).reshape(len(ways), len(sides))
     off = np.abs(heights - line.z) > LEVEL  # NaN is not

@@ -205,6 +205,7 @@ def test_a_detour_passes_on_the_nearer_free_side(mapper: TerrainMapper) -> None:
     plan_on(mapper, box)
     assert detour(mapper.ground(), START, 0.1, 0.3) == []
     first, last = detour(mapper.ground(), START, 1.4, 0.3)
+    assert detour(mapper.ground(), START, 1e12, 0.3) == [first, last]  # beyond the map nothing is known
     assert first.y == last.y == pytest.approx(0.6, abs=0.06)
     assert first.x == pytest.approx(0.3, abs=0.05) and last.x == pytest.approx(1.3, abs=0.05)
     plan_on(mapper, lambda x, _: 0.3 if x > 0.6 else 0.0)
