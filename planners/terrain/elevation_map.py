@@ -209,7 +209,7 @@ def _fuse(t: float, cloud: _Points, layers: _Layers, limits: _Limits) -> NDArray
         gain = p / (p + v)
         height[c] += gain * error
         variance[c] = max((1.0 - gain) * p, floor * floor)
-        seen[c] = t
+        seen[c] = max(seen[c], t)
     return measured
 
 

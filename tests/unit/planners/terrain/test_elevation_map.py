@@ -43,6 +43,8 @@ def test_a_cell_gets_the_mean_of_its_points_and_its_variance(grid: ElevationMap)
     p, v = 0.01**2 / 2 + floor**2, 0.005**2 + floor**2 + 0.004**2
     assert grid.height[i, j] == pytest.approx(0.11 + p / (p + v) * 0.02)
     assert grid.variance[i, j] == pytest.approx(p * v / (p + v))
+    measure(grid, 1.5, [[0.51, 0.31, 0.12]])
+    assert grid.seen[i, j] == 2.0  # the cloud of another sensor came late
 
 
 def test_errors_average_out_down_to_the_floor(config: TerrainMapConfig, grid: ElevationMap) -> None:
