@@ -100,7 +100,7 @@ class GroundPlanner:
         return GroundPlan(steps, "" if arrived else self._obstacle(ground, leading, line.yaw)), way
 
     def level(self, ground: Heights, query: GroundQuery) -> bool:
-        """Whether the ground along the way is known, and level to where the feet walk, so that no plan is needed."""
+        """Whether the ground along the way is level where the feet walk, as far as it is known: no plan is needed."""
         half = 0.5 * self._limits.width + self._ground.points[:, 1].max()
         start = min(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
         ways = np.arange(start, query.distance + self._ground.points[:, 0].max(), ground.cell)
