@@ -85,7 +85,7 @@ def profile_text(proposal: Proposal) -> str:
         findings=findings,
         feet=_rows({"left": feet["left"], "right": feet["right"]}),
         friction=feet["friction"],
-        stand="".join(f"    {name}: {value}\n" for name, value in data["postures"]["stand"].items()),
+        stand="".join(f"    {_flow(name)}: {value}\n" for name, value in data["postures"]["stand"].items()),
         sensors="".join(f"  {key}:\n{_described(sensors[key], schema)}" for key, schema in schemas.items()),
         **{key: _rows(data[key]) for key in ("motors", "joints", "frames")},
     )

@@ -96,6 +96,14 @@ def test_the_text_says_units_and_where_it_comes_from(proposal: Proposal, tmp_pat
     assert "gyro_noise_density: 0.000244  # [rad/s/sqrt(Hz)]" in text
 
 
+@pytest.mark.parametrize("name", ["12", "no", "knee: left #1"])
+def test_a_joint_may_have_any_name(g1: RobotModel, tmp_path: Path, name: str) -> None:
+    urdf = tmp_path / "odd.urdf"
+    urdf.write_text(g1.urdf.read_text().replace('"left_knee_joint"', f'"{name}"'))
+    found = RobotModel.load(write_proposal(propose(urdf), tmp_path / "mine.yaml")[0])
+    assert found.posture("stand")[found.joint_index(name)] == pytest.approx(0.5, abs=2e-3)
+
+
 def test_largest_rectangle() -> None:
     trapezoid = np.array([[-0.05, 0.025], [-0.05, -0.025], [0.12, 0.03], [0.12, -0.03]])
     assert largest_rectangle(trapezoid) == pytest.approx([-0.05, 0.12, -0.025, 0.025], abs=1e-9)
