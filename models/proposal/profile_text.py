@@ -1,7 +1,7 @@
 """A proposed profile as commented YAML, and the files that it needs."""
 
 import xml.etree.ElementTree as ET
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from models.config import descriptions
+from models.errors import ConfigError
 from models.profile import EncoderSensor, FootSensor, ImuSensor, Latency
 from models.proposal.propose import Proposal
 
@@ -49,7 +50,15 @@ hulls:
 
 
 def write_proposal(proposal: Proposal, path: Path) -> list[Path]:
-    """Write the profile and, if it had to be changed, the URDF next to it; returns the files, the profile first."""
+    """Write the profile and, if it had to be changed, the URDF next to it; returns the files, the profile first.
+
+    Raises ``ConfigError`` where that URDF would replace the one that it is made from.
+    """
+    if proposal.robot is not None:
+        file = f"{path.stem}_repaired.urdf"
+        if (path.parent / file).resolve() == proposal.source:
+            raise ConfigError(f"{proposal.source}: its repaired copy would replace it: give another name with --out")
+        proposal = replace(proposal, profile=replace(proposal.profile, urdf=file))
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(profile_text(proposal), encoding="utf-8")
     written = [path]

@@ -121,7 +121,7 @@ class Proposal:
     """A profile as found, and all findings."""
 
     source: Path  # the original URDF
-    profile: Profile  # its ``urdf`` is the original one, or the name of a file for ``robot`` next to it
+    profile: Profile  # its ``urdf`` is the original one; ``write_proposal`` names a file for ``robot``
     robot: ET.Element | None  # the changed URDF where the original one had to be changed, else None
     findings: tuple[Finding, ...]  # missing or wrong parts
     pairs: tuple[tuple[str, str], ...]  # names of the joints that mirror each other, left and right

@@ -3,13 +3,14 @@
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from models.errors import RobotModelError
+from models.errors import ConfigError, RobotModelError
 from models.leg_shapes import leg_shapes
 from models.proposal.profile_text import write_proposal
 from models.proposal.propose import FORWARD, Proposal, propose
@@ -54,6 +55,22 @@ def test_a_mimic_joint_is_fixed(changed: Callable[[Change], Proposal]) -> None:
     assert "left_wrist_yaw_joint" not in proposal.profile.joints
     assert findings(proposal, "left_wrist_yaw_joint") == ["note: follow another joint (mimic): fixed at zero"]
     assert findings(proposal, "right_wrist_yaw_joint") == ["note: no mirror image on the other side: kept as it is"]
+
+
+def test_repaired_copies_of_files_of_one_name_are_kept_apart(g1: RobotModel, tmp_path: Path) -> None:
+    loaded = {}
+    for fixed in ("left_wrist_yaw_joint", "right_wrist_yaw_joint"):
+        tree = ET.parse(g1.urdf).getroot()
+        ET.SubElement(find(tree, f"joint[@name='{fixed}']"), "mimic", joint="waist_yaw_joint")
+        source = tmp_path / fixed / "robot.urdf"
+        source.parent.mkdir()
+        source.write_text(ET.tostring(tree, encoding="unicode"))
+        proposal = propose(source)
+        loaded[fixed] = write_proposal(proposal, tmp_path / f"{fixed}.yaml")[0]
+    assert all(fixed not in RobotModel.load(profile).joint_names for fixed, profile in loaded.items())
+    proposal = replace(proposal, source=tmp_path / "mine_repaired.urdf")
+    with pytest.raises(ConfigError, match="would replace it"):
+        write_proposal(proposal, tmp_path / "mine.yaml")
 
 
 def test_missing_limits_are_named_and_guessed(changed: Callable[[Change], Proposal]) -> None:
