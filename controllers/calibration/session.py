@@ -36,8 +36,8 @@ class CalibrationSession:
     """Collects raw samples and turns them into a calibration; deterministic, no clock, no files.
 
     ``joints`` depends on the feet: when they carried the robot it closes the chain through both soles, and when they
-    hung it compares with the jig postures of the profile. A robot without foot sensors cannot measure which, so ``start``
-    has an argument for it; ``feet`` is refused. ``what`` is the part under calibration, empty without one.
+    hung it compares with the jig postures of the profile. A robot without foot sensors cannot measure which, so
+    ``start`` has an argument for it; ``feet`` is refused. ``what`` is the part under calibration, empty without one.
     """
 
     def __init__(self, model: RobotModel) -> None:
