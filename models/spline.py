@@ -1,10 +1,15 @@
 """Smooth curves through points: velocities and accelerations that are not given, and the quintics between points."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from models.numerics.compiled import njit, register_jitable
 from models.types import Matrix, Vector
+
+_PEAK_VELOCITY = 1.875  #: Peak of ds/du of the minimum-jerk blend
+_PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)  #: Peak of d2s/du2 for the same
 
 
 def min_jerk(u: float) -> tuple[float, float, float]:
@@ -18,6 +23,13 @@ def min_jerk(u: float) -> tuple[float, float, float]:
         30.0 * u * u * left * left,
         60.0 * u * left * (left - u),
     )
+
+
+def blend_time(change: Vector, v_max: Vector, a_max: float) -> float:
+    """Shortest minimum-jerk blend: T = max_j max(1.875 |dq_j| / v_j, sqrt(5.774 |dq_j| / a)) [s]."""
+    distance = np.abs(change)
+    by_velocity = float((_PEAK_VELOCITY * distance / v_max).max())
+    return max(by_velocity, math.sqrt(_PEAK_ACCELERATION * float(distance.max()) / a_max))
 
 
 @register_jitable

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from models.config import default_config
 from models.errors import CommandError, UnreachableError
 from models.robot_model import RobotModel
-from models.spline import min_jerk
+from models.spline import blend_time, min_jerk
 from models.types import JointTrajectory, Matrix, Vector
 from planners.collision import SelfCollision
 from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal, Stance, plant, rotation, stand_on, tilt_of, vector
@@ -23,8 +23,6 @@ from planners.library import SIDES, START, FrameTarget, KeyPose, Motion, load_li
 from planners.motion_config import MotionConfig
 from planners.whole_body_ik import Bounds, WholeBodyIk, arms, chain
 
-_PEAK_VELOCITY = 1.875  #: Peak of ds/du for s = 10 u^3 - 15 u^4 + 6 u^5
-_PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)  #: Peak of d2s/du2 for the same
 _PITCH = 0.5  #: Share of an axis across the robot from which a joint of the waist pitches the torso [-]
 _ROUNDING = 1e-6  #: Slack of the joint limits [rad]
 _SLACK = 1e-3  #: Slack of the CoM's margin, which the solver keeps at key poses only [m]
@@ -38,13 +36,6 @@ class JointCurve:
     q: Matrix  # (n, nj) [rad]
     v: Matrix  # (n, nj) [rad/s]
     a: Matrix  # (n, nj) [rad/s^2]
-
-
-def blend_time(change: Vector, v_max: Vector, a_max: float) -> float:
-    """Shortest minimum-jerk blend: T = max_j max(1.875 |dq_j| / v_j, sqrt(5.774 |dq_j| / a)) [s]."""
-    distance = np.abs(change)
-    by_velocity = float((_PEAK_VELOCITY * distance / v_max).max())
-    return max(by_velocity, math.sqrt(_PEAK_ACCELERATION * float(distance.max()) / a_max))
 
 
 def smooth_curve(q: Matrix, rate: float, v_max: Vector, a_max: float) -> tuple[JointCurve, float]:

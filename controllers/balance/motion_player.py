@@ -9,7 +9,7 @@ from controllers.balance.upper_body import UpperBodyMotion
 from controllers.whole_body.config import BalanceConfig
 from models.config import default_config
 from models.robot_model import RobotModel
-from models.spline import fade_out
+from models.spline import blend_time, fade_out
 from models.trajectory import TrajectoryLimits, TrajectorySampler, validate_trajectory
 from models.types import JointTrajectory, Reference, Vector
 
@@ -29,7 +29,7 @@ class MotionPlayer:
     def __init__(self, model: RobotModel, config: BalanceConfig, head: Head | None) -> None:
         self._model, self._config, self._head = model, config, head
         self._upper = UpperBodyMotion(model, config.motion_fade)
-        self._overshoot = default_config(TrajectoryLimits, "models", "trajectory").overshoot_tolerance
+        self._limits = default_config(TrajectoryLimits, "models", "trajectory")
         self.free = self._upper.free
         self.zero = np.zeros(model.nj)
         self._stand = model.posture("stand")
@@ -53,10 +53,11 @@ class MotionPlayer:
     def follow(self, trajectory: JointTrajectory, reference: Reference, *, walking: bool, stepping: bool) -> None:
         """Start a motion from the posture reference of the last tick; a running one is replaced without a jump.
 
-        A single point at rest, or at t = 0, takes at least ``setpoint_time_s``, so that a stream of them is followed
-        smoothly. A velocity that the motion does not start with, as of a joint which it does not name, or which would
-        take it beyond the joint limits, fades out within ``stop_time_s``. A motion that does not end at rest slows down
-        after its end like a stopped one. While ``walking``, only arms and head follow, blended in and out; while
+        A single point at rest that is due within ``setpoint_time_s`` takes this time where the motion before it has been
+        followed as closely and ended no farther away than ``start_jump``, so that a stream of them is followed smoothly.
+        Any other takes as long as its limits of velocity and acceleration require. A velocity that the motion does not
+        start with, as of a joint which it does not name, or which would take it beyond the joint limits, fades out
+        within ``stop_time_s``. A motion that does not end at rest slows down after its end like a stopped one. While ``walking``, only arms and head follow, blended in and out; while
         ``stepping``, the gait moves legs and torso until the motion ends. Raises ``TrajectoryError`` or
         ``JointNameError`` as ``validate_trajectory`` does.
         """
@@ -66,7 +67,7 @@ class MotionPlayer:
             return
         moving = trajectory.velocities is not None and trajectory.velocities.any()
         if len(trajectory.times) == 1 and not (moving and trajectory.times[0] > 0.0):  # a setpoint, perhaps of a stream
-            trajectory = replace(trajectory, times=np.maximum(trajectory.times, self._config.setpoint_time_s))
+            trajectory = replace(trajectory, times=self._setpoint_times(trajectory, start, speed))
         validate_trajectory(trajectory, self._model, start_q=start)
         if stepping and self._legs is None:
             self._legs = self._last[0]
@@ -138,6 +139,23 @@ class MotionPlayer:
             return reference.posture, reference.posture_velocity
         return self._head.without_head(reference, motion)
 
+    def _setpoint_times(self, setpoint: JointTrajectory, start: Vector, speed: Vector) -> Vector:
+        """Time of a lone point (1,) [s]: as given, or as the limits of setpoints require; errors as of ``follow``."""
+        validate_trajectory(setpoint, self._model)
+        config, model = self._config, self._model
+        if setpoint.times[0] > config.setpoint_time_s:
+            return setpoint.times
+        end, left = start, 0.0  # of the motion that it replaces
+        if self._motion is not None:
+            end, left = self._motion.sample(self._motion.duration)[0], self._motion.duration - self._time
+        rest = start + 0.5 * config.setpoint_time_s * speed
+        joints = [model.joint_index(name) for name in setpoint.joint_names]
+        step, way = (setpoint.positions[0] - q[joints] for q in (end, rest))
+        if left <= config.setpoint_time_s and np.abs(step).max() <= self._limits.start_jump:
+            return np.array([config.setpoint_time_s])
+        v_max = config.setpoint_velocity * model.v_max[joints]
+        return np.array([max(blend_time(way, v_max, config.setpoint_acceleration), config.setpoint_time_s)])
+
     def _slow_down(self, start: Vector, speed: Vector) -> None:
         """Come to rest from a posture (nj,) [rad] and its velocity (nj,) [rad/s]."""
         time = self._config.stop_time_s
@@ -172,7 +190,8 @@ class MotionPlayer:
             return True
         q = _POWERS @ motion.coefficients[0]  # (8, nj)
         low, high = np.minimum(self._model.q_lower, start), np.maximum(self._model.q_upper, start)
-        return bool(((q > low - self._overshoot) & (q < high + self._overshoot)).all())
+        tolerance = self._limits.overshoot_tolerance
+        return bool(((q > low - tolerance) & (q < high + tolerance)).all())
 
     def _trajectory_to(self, end: Vector, time: float) -> JointTrajectory:
         """Trajectory to a posture (nj,) [rad] at rest within a time [s]."""

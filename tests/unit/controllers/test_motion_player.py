@@ -1,11 +1,15 @@
 """Motions that replace a running one: posture and velocity go on without a step."""
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from controllers.balance.motion_player import MotionPlayer
 from controllers.whole_body.config import load_balance_config
+from models.errors import TrajectoryError
 from models.robot_model import RobotModel
 from models.types import JointTrajectory, Reference, Vector
 from tests.unit.controllers.test_upper_body import reference
@@ -71,6 +75,46 @@ def test_a_motion_that_replaces_another_takes_its_velocity_over(
     others = np.arange(g1.nj) != index
     assert q[-1, others] == pytest.approx(here[others], abs=1e-9)
     assert not v[-1].any()
+
+
+def streamed(model: RobotModel, setpoint: Callable[[float], float], due: float = 0.0) -> np.ndarray:
+    """Position from the begin [rad], velocity and acceleration of a joint with a lone point every 20 ms (n, 3)."""
+    played = Played(model)
+    played.player.reset(played.begin)
+    played.last, rows = played.player.step(DT), []
+    for tick in range(2000):
+        if tick % 20 == 0:
+            played.follow((MOVED,), [due], np.array([[played.begin[played.joint] + setpoint(tick * DT)]]))
+        played.last = played.player.step(DT)
+        rows.append([part[played.joint] for part in played.last])
+    return np.array(rows) - [played.begin[played.joint], 0.0, 0.0]
+
+
+@pytest.mark.parametrize("due", [0.0, 0.02])
+@pytest.mark.parametrize("jitter", [0.0, 0.004])
+def test_a_setpoint_far_away_is_reached_at_a_sane_speed(g1: RobotModel, due: float, jitter: float) -> None:
+    q, v, a = streamed(g1, lambda t: jitter * math.sin(999.0 * t) - 1.0, due).T
+    assert q[-1] == pytest.approx(-1.0, abs=0.005)
+    assert np.abs(v).max() < 3.0 and np.abs(a).max() < 40.0
+    played = Played(g1)
+    played.player.reset(played.begin)
+    played.last = played.player.step(DT)
+    played.follow((MOVED,), [due], np.array([[played.begin[played.joint] - 1.0]]))
+    assert np.abs(played.to_the_end()[:, 2]).max() < 1.01 * load_balance_config(g1).setpoint_acceleration
+
+
+def test_a_fast_stream_of_small_steps_is_followed_without_delay(g1: RobotModel) -> None:
+    def swing(t: float) -> float:
+        return 0.5 * math.sin(2.0 * math.pi * t) * min(t, 1.0)
+
+    lag = 0.065
+    q = streamed(g1, swing)[:, 0]
+    assert q[500:] == pytest.approx([swing(DT * tick - lag) for tick in range(500, 2000)], abs=0.02)
+
+
+def test_a_setpoint_before_now_is_refused(g1: RobotModel) -> None:
+    with pytest.raises(TrajectoryError, match="before the start"):
+        Played(g1).follow((MOVED,), [-1.0], np.array([[0.5]]))
 
 
 @pytest.mark.parametrize(("name", "room", "target"), [(OTHER, 0.01, 0.0), (MOVED, 0.05, 0.0), (MOVED, 0.2, -0.5)])
