@@ -40,6 +40,24 @@ class KeyPoseSolver:
             )
         return inside
 
+    def unplanted(self, stance: Stance) -> str:
+        """Why the soles are not on one plane; empty when they are."""
+        balance = self._config.balance
+        for sole, foot in zip(stance.soles, self._model.feet, strict=True):
+            tilt, step = math.acos(min(float(sole.rotation[2, 2]), 1.0)), abs(float(sole.translation[2]))
+            if tilt > balance.sole_tilt or step > balance.sole_step:
+                return (
+                    f"start posture: the {foot.name} sole is {tilt:.3f} rad and {step:.3f} m off the mean plane of "
+                    f"both soles, at most {balance.sole_tilt:g} rad and {balance.sole_step:g} m; the motion 'stand' "
+                    "brings it back: send 'stand' first"
+                )
+        return ""
+
+    def gaps(self, q: Vector) -> Vector:
+        """Least distance of each pair of bodies in a motion that starts at a configuration (nq,) [m]."""
+        collision = self._config.collision
+        return np.minimum(collision.margin, self._collision.distances(q, collision.trigger))
+
     def bounds(self, stance: Stance, *safe: Vector) -> Bounds:
         """Bounds of a motion that starts on ``stance``; ``safe`` joint positions (nj,) [rad] may lie inside the margin.
 
@@ -47,13 +65,8 @@ class KeyPoseSolver:
         Raises ``UnreachableError`` when the soles are not on one plane, or the CoM not above the support polygon.
         """
         balance, limits = self._config.balance, self._config.limits
-        for sole, foot in zip(stance.soles, self._model.feet, strict=True):
-            tilt, step = math.acos(min(float(sole.rotation[2, 2]), 1.0)), abs(float(sole.translation[2]))
-            if tilt > balance.sole_tilt or step > balance.sole_step:
-                raise UnreachableError(
-                    f"start posture: the {foot.name} sole is {tilt:.3f} rad and {step:.3f} m off the mean plane of "
-                    f"both soles, at most {balance.sole_tilt:g} rad and {balance.sole_step:g} m"
-                )
+        if reason := self.unplanted(stance):
+            raise UnreachableError(reason)
         margin = stance.margin(stance.com)
         if margin < balance.com_margin_start:
             raise UnreachableError(
@@ -61,14 +74,12 @@ class KeyPoseSolver:
                 f"{balance.com_margin_start:g} m"
             )
         known = np.array([stance.q[7:], *safe])
-        collision = self._config.collision
-        gaps = np.minimum(collision.margin, self._collision.distances(stance.q, collision.trigger))
         return Bounds(
             lower=np.minimum(self._model.q_lower + limits.joint_margin, known.min(axis=0)),
             upper=np.maximum(self._model.q_upper - limits.joint_margin, known.max(axis=0)),
             com_margin=min(balance.com_margin, margin),
             base_tilt=max(balance.base_tilt, tilt_of(stance.q)),
-            gaps=gaps,
+            gaps=self.gaps(stance.q),
         )
 
     def solve(self, goal: PoseGoal, seed: Vector, stance: Stance, bounds: Bounds) -> Vector:

@@ -23,6 +23,7 @@ from planners.library import SIDES, START, FrameTarget, KeyPose, Motion, load_li
 from planners.motion_config import MotionConfig
 from planners.whole_body_ik import Bounds, WholeBodyIk, arms, chain
 
+STAND = "stand"  #: Motion that starts from any posture
 _PITCH = 0.5  #: Share of an axis across the robot from which a joint of the waist pitches the torso [-]
 _ROUNDING = 1e-6  #: Slack of the joint limits [rad]
 _SLACK = 1e-3  #: Slack of the CoM's margin, which the solver keeps at key poses only [m]
@@ -96,15 +97,21 @@ def check_path(
                 f"after {time:.2f} s joint '{names[k]}' would bear {shares[k] * model.tau_max[k]:.3g} N.m, at most "
                 f"{config.balance.torque_share * model.tau_max[k]:.3g} of its {model.tau_max[k]:.3g} N.m"
             )
-        if collision.count:
-            distances = collision.distances(q, config.collision.margin)
-            allowed = bounds.gaps - config.collision.path_slack
-            pair = int((distances - allowed).argmin())
-            if distances[pair] < allowed[pair]:
-                raise UnreachableError(
-                    f"after {time:.2f} s '{' and '.join(collision.names(pair))}' would collide "
-                    f"({distances[pair]:.3f} m apart, at least {allowed[pair]:.3f} m)"
-                )
+        check_distances(config, collision, bounds.gaps, time, q)
+
+
+def check_distances(config: MotionConfig, collision: SelfCollision, gaps: Vector, time: float, q: Vector) -> None:
+    """``UnreachableError`` for bodies closer than ``gaps`` [m] in a configuration (nq,) at a time [s]."""
+    if not collision.count:
+        return
+    distances = collision.distances(q, config.collision.margin)
+    allowed = gaps - config.collision.path_slack
+    pair = int((distances - allowed).argmin())
+    if distances[pair] < allowed[pair]:
+        raise UnreachableError(
+            f"after {time:.2f} s '{' and '.join(collision.names(pair))}' would collide "
+            f"({distances[pair]:.3f} m apart, at least {allowed[pair]:.3f} m)"
+        )
 
 
 #: Digits kept of planned positions [rad]: placo sums its tasks in the order of their addresses in memory, which changes
@@ -139,6 +146,9 @@ class MotionPlanner:
     Motion files are written for the reach of a human's limbs. Where the robot's do not reach that far, all offsets and
     angles of the motion are reduced by one factor (``size`` in ``motion.yaml``); a motion of the right hand is mirrored
     for a robot that has a left arm only. Targets of a caller are not changed.
+
+    A start whose soles are not on one plane, as after a trajectory of one leg's joints, is refused, except for the
+    motion ``stand``: it goes straight in joint space, and of the bounds those of joints and distances count.
 
     ``config`` is the packaged one when None; ``extra`` are motion files beside the packaged ones. Raises
     ``ConfigError`` for a refused file, ``RobotModelError`` when the URDF's collision meshes cannot be loaded.
@@ -194,6 +204,8 @@ class MotionPlanner:
         motion = self._motion(name)
         given = self._settable(motion, targets or {})
         self._refuse_without_arm(motion)
+        if name == STAND and self._keys.unplanted(start := self._stance(start_q)):
+            return SizedMotion(self._straighten(start, motion.key_poses[-1].duration), 1.0)
         stance, bounds = self._begin(start_q)
         times = [(pose.duration, pose.hold) for pose in motion.key_poses]
         refusals: list[UnreachableError] = []
@@ -264,11 +276,26 @@ class MotionPlanner:
 
     def _begin(self, start_q: ArrayLike) -> tuple[Stance, Bounds]:
         """Stance and bounds of a start posture; raises if no motion may start there."""
-        joints = vector(start_q, self._model.nj, "start_q")
-        stance = stand_on(self._model, self._data, self._keys.clipped(joints))
+        stance = self._stance(start_q)
         bounds = self._keys.bounds(stance, self._nominal.q[7:])
         self._ik.stand(stance, bounds)
         return stance, bounds
+
+    def _stance(self, start_q: ArrayLike) -> Stance:
+        joints = vector(start_q, self._model.nj, "start_q")
+        return stand_on(self._model, self._data, self._keys.clipped(joints))
+
+    def _straighten(self, stance: Stance, duration: float) -> JointTrajectory:
+        """The straight way in joint space to 'stand' within ``duration`` [s], longer where the joints need it."""
+        limits, rate, start = self._config.limits, self._config.sample_rate, stance.q[7:]
+        gaps = self._keys.gaps(stance.q)
+        change = self._nominal.q[7:] - start
+        steps = math.ceil(max(duration, blend_time(change, self._v_max, limits.acceleration)) * rate)
+        shares = np.array([min_jerk(k / steps)[0] for k in range(steps + 1)])
+        curve, _ = smooth_curve(start + shares[:, None] * change, rate, self._v_max, limits.acceleration)
+        for time, joints in zip(curve.times, curve.q, strict=True):
+            check_distances(self._config, self._collision, gaps, time, plant(self._model, self._data, joints)[0])
+        return JointTrajectory(self._model.joint_names, curve.times, curve.q, curve.v)
 
     def _refuse_without_arm(self, motion: Motion) -> None:
         for frame in sorted({frame for pose in motion.key_poses for frame in pose.frames} & set(SIDES)):

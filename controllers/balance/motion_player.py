@@ -53,11 +53,12 @@ class MotionPlayer:
     def follow(self, trajectory: JointTrajectory, reference: Reference, *, walking: bool, stepping: bool) -> None:
         """Start a motion from the posture reference of the last tick; a running one is replaced without a jump.
 
-        A single point at rest that is due within ``setpoint_time_s`` takes this time where the motion before it has been
-        followed as closely and ended no farther away than ``start_jump``, so that a stream of them is followed smoothly.
-        Any other takes as long as its limits of velocity and acceleration require. A velocity that the motion does not
+        A single point at rest that is due within ``setpoint_time_s`` takes this time where the motion before it was as
+        close to its end, and its step from there is below ``start_jump``: a stream of them is followed smoothly. Any
+        other takes as long as its limits of velocity and acceleration require. A velocity that the motion does not
         start with, as of a joint which it does not name, or which would take it beyond the joint limits, fades out
-        within ``stop_time_s``. A motion that does not end at rest slows down after its end like a stopped one. While ``walking``, only arms and head follow, blended in and out; while
+        within ``stop_time_s``. A motion that does not end at rest slows down after its end like a stopped one. While
+        ``walking``, only arms and head follow, blended in and out; while
         ``stepping``, the gait moves legs and torso until the motion ends. Raises ``TrajectoryError`` or
         ``JointNameError`` as ``validate_trajectory`` does.
         """

@@ -56,6 +56,21 @@ class Stream:
         return float((np.abs(np.diff(self.torques, axis=0)) / self.loop.robot.tau_max).max())
 
 
+def test_stand_brings_back_a_leg_that_was_moved_alone() -> None:
+    loop = ClosedLoop("g1", seed=0, record=False)
+    loop.run(0.5)
+    stand = loop.robot.posture("stand")
+    bent = stand[[loop.robot.joint_index("left_knee")]] + 0.5
+    loop.controller.follow(JointTrajectory(("left_knee_joint",), np.array([1.5]), bent[None]))
+    loop.run(2.0)
+    refusal = loop.command("wave")
+    assert not refusal.accepted and "send 'stand' first" in refusal.reason
+    assert loop.command("stand").accepted
+    loop.run(3.0)
+    assert loop.mode == "stand" and not loop.fallen
+    assert loop.controller.reference.posture == pytest.approx(stand, abs=1e-6)
+
+
 def swing(t: float) -> tuple[float, float]:
     """Half a radian to and fro in two seconds: position [rad] and velocity [rad/s] at a time [s]."""
     return 0.25 * (math.cos(math.pi * t) - 1.0), -0.25 * math.pi * math.sin(math.pi * t)

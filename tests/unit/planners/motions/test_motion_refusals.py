@@ -1,6 +1,7 @@
 """What the motion planner refuses, and that it names the culprit; each bound is also violated on purpose."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -9,6 +10,7 @@ import pytest
 from models.config import default_config
 from models.errors import CommandError, UnreachableError
 from models.robot_model import RobotModel
+from models.trajectory import validate_trajectory
 from models.types import Vector
 from planners.collision import SelfCollision
 from planners.goals import plant, stand_on
@@ -31,6 +33,24 @@ class TestRequests:
         model, planner = load("g1")
         with pytest.raises(CommandError, match=r"'dance'.*bow, crouch, reach, squat, stand, wave"):
             planner.plan("dance", model.posture("stand"))
+
+    @pytest.mark.parametrize("joint", ["left_knee_joint", "right_ankle_pitch_joint"])
+    def test_stand_alone_brings_back_legs_that_were_moved_against_each_other(self, joint: str) -> None:
+        model, planner = load("g1")
+        start = model.posture("stand").copy()
+        start[model.joint_index(joint)] += 0.4
+        for request in (partial(planner.plan, "wave"), partial(planner.plan_pose, "l_wrist", [0.3, 0.2, 0.9])):
+            with pytest.raises(UnreachableError, match=r"off the mean plane .* send 'stand' first"):
+                request(start_q=start)
+        back = planner.plan("stand", start)
+        assert back.positions[0] == pytest.approx(start) and back.positions[-1] == pytest.approx(model.posture("stand"))
+        assert back.velocities is not None and not back.velocities[[0, -1]].any()
+        validate_trajectory(back, model, start_q=start, end_at_rest=True)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(SelfCollision, "distances", lambda *args: next(distances))
+            distances = iter([np.full(planner._collision.count, gap) for gap in (0.05, 0.001)])
+            with pytest.raises(UnreachableError, match="would collide"):
+                planner.plan("stand", start)
 
     def test_frame_that_is_not_settable(self) -> None:
         model, planner = load("g1")
