@@ -56,6 +56,7 @@ class MotionState(Enum):
     REDUCED = "reduced"  # planned, but smaller than requested; it runs next
     RUNNING = "running"
     DONE = "done"
+    ENDED = "ended"  # before its end
     REFUSED = "refused"
 
 
@@ -64,7 +65,7 @@ class MotionStatus(Status, frozen=True):
 
     state: MotionState
     request: str = ""  # request or trajectory that it belongs to, if given
-    reason: str = ""  # of a refusal or reduction
+    reason: str = ""  # of a refusal, a reduction or an early end
 
     def __str__(self) -> str:
         return ": ".join(part for part in (self.state.value, self.request, self.reason) if part)

@@ -83,7 +83,7 @@ class Demo:
 
         def ended() -> bool:
             for motion in self._motions:
-                if motion.state is MotionState.REFUSED:
+                if motion.state in (MotionState.REFUSED, MotionState.ENDED):
                     raise PoiseError(f"{name} {motion}")
             done = any(motion.state is MotionState.DONE for motion in self._motions)
             return done and stage.graph.mode == Mode.STAND.value

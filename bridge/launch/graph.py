@@ -56,9 +56,11 @@ def own_motions(robot: str, folder: Path) -> Parameters:
     model = RobotModel.load(robot)
     names = [load_motion(file, model).name for file in motion_files(folder)]
     known = default_config(SupervisorConfig, "controllers", "supervisor").motions
+    motions = {"motions": [*known, *(name for name in names if name not in known)]}
     return {
         "motion_planner": {"motions_folder": str(folder.resolve())},
-        "supervisor": {"motions": [*known, *(name for name in names if name not in known)]},
+        "supervisor": motions,
+        "action_server": motions,
     }
 
 

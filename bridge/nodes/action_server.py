@@ -2,7 +2,7 @@
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -13,19 +13,21 @@ from rclpy.executors import SingleThreadedExecutor
 from trajectory_msgs.msg import JointTrajectory
 
 from bridge.ros.goals import Action, ActionsConfig, Outcome, RobotClient, Turn, Turns, goal
+from controllers.safety.health import SupervisorConfig
 from controllers.safety.supervisor import GAIT_WORDS
 from models.config import default_config
-from models.errors import JointNameError, MessageError
+from models.errors import CommandError, JointNameError, MessageError, did_you_mean
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.interfaces import interface
 from models.nodes.messages import doubles
-from models.nodes.parameters import declare_config
+from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import EVENT
 from models.nodes.spin import program
 from models.robot_model import RobotModel
 from models.status import MotionState, RouteState, RouteStatus
-from models.types import Mode
+from models.types import CommandReply, Mode
+from planners.nodes.footstep_messages import goal_from_message
 
 STOP = "stop"
 
@@ -49,10 +51,15 @@ async def track_motion(
         if newest is not None and newest.state is MotionState.REFUSED and bool(newest.request) is planned:
             return Outcome(False, ": ".join(part for part in (newest.request, newest.reason) if part))
         if newest is not None and newest.state is MotionState.DONE and running:
-            return Outcome(False, "stopped by another client") if robot.stops else Outcome(True, "played to its end")
+            return Outcome(True, "played to its end")
+        ended = newest if newest is not None and newest.state is MotionState.ENDED and running else None
+        if ended is not None:
+            await robot.turn()  # the mode that ended it, and its reasons, may follow
         if why := turn.ended:
             await _halt(robot)
             return Outcome(False, why)
+        if ended is not None:
+            return Outcome(False, "stopped by another client" if robot.stops else ended.reason)
         if handle.is_cancel_requested:
             stopped = await _halt(robot)
             return Outcome(False, f"cancelled; {stopped}", cancelled=True)
@@ -77,20 +84,35 @@ async def _halt(robot: RobotClient) -> str:
     return "it holds its posture" if over else f"the motion has not ended within {config.halt_timeout:g} s"
 
 
+def _words(text: str) -> list[str]:
+    return re.findall(r"\w+", text.lower())
+
+
 class ExecuteMotion(Action):
-    """Plays a motion by name."""
+    """Plays a motion by name; ``motions`` are the known ones, for people."""
+
+    def __init__(self, robot: RobotClient, kind: Any, motions: Sequence[str]) -> None:
+        super().__init__(robot, kind)
+        self._motions = tuple(motions)
 
     def refusal(self, request: Any) -> Outcome | None:
         """Refuse texts with a word of the gait or ``stop``, which the supervisor would execute."""
-        words = re.findall(r"\w+", request.motion.lower())
-        word = next((word for word in words if word in (*GAIT_WORDS, STOP)), None)
-        return word and Outcome(False, f"'{word}' is not a motion; walk with walk_to, or a velocity")
+        words = _words(request.motion)
+        if STOP in words:
+            return Outcome(False, f"'{STOP}' is not a motion; cancel the goal, or send '{STOP}' as a command")
+        word = next((word for word in words if word in GAIT_WORDS), None)
+        return None if word is None else Outcome(False, f"'{word}' is not a motion; walk with walk_to, or a velocity")
 
     async def run(self, handle: Any, turn: Turn) -> Outcome:
         """Execute the goal; see ``ExecuteMotion.action``."""
         robot, begin = self._robot, time.monotonic()
         robot.begin()
-        reply = await robot.command(handle.request.motion)
+        text = handle.request.motion
+        reply = await robot.command(text)
+        if not reply.accepted and self._motions and not set(self._motions).intersection(_words(text)):
+            near = did_you_mean(text.strip().lower(), self._motions)
+            known = ", ".join(self._motions)
+            return Outcome(False, f"unknown command '{text[:32]}'{near or ';'} motions: {known}")
         if not reply.accepted:
             return Outcome(False, reply.reason)
 
@@ -142,7 +164,9 @@ class FollowJointTrajectory(Action):
 
     def result(self, outcome: Outcome) -> Any:
         """Result message of an outcome."""
-        return self._kind.Result(error_code=outcome.code, error_string="" if outcome.success else outcome.message)
+        codes = self._kind.Result
+        code = codes.SUCCESSFUL if outcome.success else outcome.code or codes.INVALID_GOAL
+        return codes(error_code=code, error_string="" if outcome.success else outcome.message)
 
     def _feedback(self, handle: Any, names: list[str], state: str) -> None:
         posture = self._robot.posture
@@ -174,6 +198,14 @@ class WalkTo(Action):
         super().__init__(robot, kind)
         self._publish = publish
 
+    def refusal(self, request: Any) -> Outcome | None:
+        """Refuse what is no pose in ``odom``; the gait planner checks the rest."""
+        try:
+            goal_from_message("goal", request.goal)
+        except MessageError as error:
+            return Outcome(False, str(error))
+        return None
+
     async def run(self, handle: Any, turn: Turn) -> Outcome:
         """Execute the goal; see ``WalkTo.action``."""
         robot = self._robot
@@ -182,30 +214,35 @@ class WalkTo(Action):
         if not reply.accepted:
             return Outcome(False, reply.reason)
         if not await robot.until(lambda: robot.mode == Mode.WALK.value, robot.config.answer_timeout):
-            return await self._stand(Outcome(False, f"mode '{robot.mode}' goes on"))
-        return await self._stand(await self._walk(handle, turn))
+            return await self._stand(Outcome(False, f"{robot.present_mode} goes on"))
+        robot.gait_ready = False
+        outcome = await self._walk(handle, turn)
+        return await self._stand(outcome) if outcome else Outcome(False, "replaced by a goal of another client")
 
-    async def _walk(self, handle: Any, turn: Turn) -> Outcome:
+    async def _walk(self, handle: Any, turn: Turn) -> Outcome | None:
+        """Walk to the goal; None when another client sent a newer one, which the robot follows."""
         robot, goal, begin = self._robot, handle.request.goal, time.monotonic()
-        next_time, config = begin, robot.config
+        next_time, config, sent = begin, robot.config, 0
         while True:
             now = time.monotonic()
             newest = robot.route[-1] if robot.route else RouteStatus(RouteState.ENDED)
-            running = any(status.state is RouteState.RUNNING for status in robot.route)
-            if why := turn.ended or ("" if robot.mode == Mode.WALK.value else f"mode '{robot.mode}'"):
+            running = robot.routes_begun
+            if running > sent:
+                return None
+            if why := turn.ended or ("" if robot.mode == Mode.WALK.value else robot.present_mode):
                 return Outcome(False, why)
             if handle.is_cancel_requested:
                 return Outcome(False, "cancelled", cancelled=True)
             if running and newest.state is RouteState.DONE:
                 return Outcome(True, "there")
-            if running and newest.state is not RouteState.RUNNING:
+            if newest.state is RouteState.REFUSED or (running and newest.state is not RouteState.RUNNING):
                 return Outcome(False, newest.reason)
             if not running and now - begin > config.answer_timeout:
                 return Outcome(False, newest.reason or f"no answer to the goal within {config.answer_timeout:g} s")
             if now - begin > config.walk_timeout:
                 return Outcome(False, f"not there within {config.walk_timeout:g} s")
-            if not running and now >= next_time:
-                next_time = now + config.goal_period
+            if not running and robot.gait_ready and now >= next_time:
+                next_time, sent = now + config.goal_period, sent + 1
                 self._publish(goal)
             if robot.feedback_due:
                 left = robot.distance(goal.pose.position.x, goal.pose.position.y)
@@ -217,7 +254,11 @@ class WalkTo(Action):
         robot = self._robot
         if robot.mode != Mode.WALK.value:
             return outcome
-        reply, timeout = await robot.set_mode(Mode.STAND), robot.config.stand_timeout
+        timeout = robot.config.stand_timeout
+        try:
+            reply = await robot.set_mode(Mode.STAND)
+        except CommandError as error:
+            reply = CommandReply(False, str(error))
         if reply.accepted and await robot.until(lambda: robot.mode != Mode.WALK.value, timeout):
             return Outcome(outcome.success, f"{outcome.message}; mode '{robot.mode}'", outcome.cancelled)
         reason = f"the walk did not stop within {timeout:g} s" if reply.accepted else reply.reason
@@ -236,6 +277,9 @@ class ActionServerNode(PoiseNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("action_server", **kwargs)
         self._config = declare_config(self, default_config(ActionsConfig, "bridge", "actions"))
+        known = default_config(SupervisorConfig, "controllers", "supervisor").motions
+        text = describe("Motions that the supervisor knows, for refusals")
+        self._motions = self.declare_parameter("motions", list(known), text).value
 
     def configure(self) -> None:
         """Build the actions; refused without their types, with the command that builds them."""
@@ -243,7 +287,7 @@ class ActionServerNode(PoiseNode):
         robot = RobotClient(self, self._config)
         self._turns = Turns(robot)
         goals = self.announce(PoseStamped, topics.GOAL_POSE, EVENT)
-        self._offer(motion, "execute_motion", ExecuteMotion(robot, motion))
+        self._offer(motion, "execute_motion", ExecuteMotion(robot, motion, (*self._motions, "stand")))
         self._offer(walk, "walk_to", WalkTo(robot, walk, goals.publish))
         try:
             follow = interface("control_msgs", "action", "FollowJointTrajectory")

@@ -16,8 +16,9 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as config_dataclass
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 
+from bridge.ros.client import next_step
 from models.config import STRICT, Positive
 from models.errors import CommandError, MessageError, PoiseError
 from models.nodes import topics
@@ -26,7 +27,7 @@ from models.nodes.interfaces import interface
 from models.nodes.messages import JointStateCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
-from models.status import MotionState, MotionStatus, RouteStatus
+from models.status import MotionState, MotionStatus, RouteState, RouteStatus, SupervisorStatus
 from models.types import CommandReply, Mode, Vector
 
 
@@ -59,7 +60,8 @@ class RobotClient:
     """Subscriptions and service clients that the actions of one node share.
 
     The executor of ``node`` must await coroutines. ``motion`` and ``route`` are the status since ``begin``, ``stops``
-    the requests to end the motion. Raises ``MessageError`` when the types of the services are not built.
+    the requests to end the motion, ``gait_ready`` whether the gait planner walks since it was last set to False.
+    Raises ``MessageError`` when the types of the services are not built.
     """
 
     def __init__(self, node: PoiseNode, config: ActionsConfig) -> None:
@@ -68,6 +70,8 @@ class RobotClient:
         self.motion: deque[MotionStatus] = deque(maxlen=config.words)
         self.route: deque[RouteStatus] = deque(maxlen=config.words)
         self.stops = 0
+        self.gait_ready = False
+        self._status: SupervisorStatus | None = None
         self._joints, self._odom = b"", b""
         self._codec, self._odometry = JointStateCodec(node.model), OdometryCodec()
         self._model = node.model
@@ -84,7 +88,9 @@ class RobotClient:
         node.listen(String, topics.MODE, self._on_mode, LATCHED)
         node.listen_status(MotionStatus, topics.MOTION_STATUS, self._on_motion)
         node.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
-        node.listen_status(RouteStatus, topics.ROUTE_STATUS, self.route.append)
+        node.listen_status(RouteStatus, topics.ROUTE_STATUS, self._on_route)
+        node.listen_status(SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
+        node.listen(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
         node.listen(JointState, topics.POSTURE, self._on_joints, SENSOR, raw=True)
         node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
         node.own(node.destroy_timer, node.every(config.period, self._look))
@@ -93,6 +99,11 @@ class RobotClient:
     def motions_begun(self) -> int:
         """How many motions have begun since ``begin``."""
         return sum(status.state is MotionState.RUNNING for status in self.motion)
+
+    @property
+    def routes_begun(self) -> int:
+        """How many routes have begun since ``begin``."""
+        return sum(status.state is RouteState.RUNNING for status in self.route)
 
     @property
     def feedback_due(self) -> bool:
@@ -131,8 +142,19 @@ class RobotClient:
 
     @property
     def stopped(self) -> str:
-        """Why no action can go on; empty otherwise."""
-        return "" if self.mode in MOVING else f"mode '{self.mode or 'unknown'}'"
+        """Why no action can go on, and what to do next; empty otherwise."""
+        if self.mode in MOVING:
+            return ""
+        status = self._status
+        known = status is not None and status.mode.value == self.mode
+        return self.present_mode + (f"; next: {next_step(status)}" if status is not None and known else "")
+
+    @property
+    def present_mode(self) -> str:
+        """Present mode with its faults and holds, for people."""
+        status = self._status
+        reasons = () if status is None or status.mode.value != self.mode else (*status.faults, *status.holds)
+        return ": ".join(part for part in (f"mode '{self.mode or 'unknown'}'", "; ".join(reasons)) if part)
 
     @property
     def posture(self) -> Vector | None:
@@ -184,6 +206,16 @@ class RobotClient:
     def _on_motion(self, status: MotionStatus) -> None:
         if status.state is not MotionState.REFUSED or not self.motions_begun:  # later ones are of another client
             self.motion.append(status)
+
+    def _on_route(self, status: RouteStatus) -> None:
+        if status.state is not RouteState.REFUSED or not self.routes_begun:  # later ones are of another client
+            self.route.append(status)
+
+    def _on_status(self, status: SupervisorStatus) -> None:
+        self._status = status
+
+    def _on_margin(self, message: Float64) -> None:
+        self.gait_ready = True
 
     def _on_request(self, message: String) -> None:
         self.stops += message.data == topics.STOP_MOTION

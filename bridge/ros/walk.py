@@ -189,6 +189,7 @@ def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
 
 
 PLAN_TIMEOUT = 30.0  #: Longest wait for a plan [s]
+LATE = 0.3  #: Longest wait for the mode, and its reasons, after the end of a motion [s]
 END_TIMEOUT = 10.0  #: Longest wait for the end of the motion after the planned time, in time of the robot [s]
 
 
@@ -220,10 +221,19 @@ def reach(
     length = answer.trajectory.points[-1].time_from_start
     ends: list[MotionStatus] = []
 
+    over = (MotionState.DONE, MotionState.ENDED, MotionState.REFUSED)
+
+    def damped() -> bool:
+        return client.mode in (Mode.DAMP.value, Mode.OFF.value)
+
     def ended() -> bool:  # a refusal with a request is that of another motion
-        ends[:] = [m for m in client.motions if m.state in (MotionState.DONE, MotionState.REFUSED) and not m.request]
-        return bool(ends)
+        ends[:] = [m for m in client.motions if m.state in over and not m.request]
+        return bool(ends) or damped()
 
     RobotClock(client).wait(ended, length.sec + 1e-9 * length.nanosec + END_TIMEOUT)
+    if client.wait(damped, LATE if ends and ends[0].state is MotionState.ENDED else 0.0):
+        client.wait(lambda: client.status is not None and client.status.mode.value == client.mode, LATE)
+        why = "; ".join((f"mode '{client.mode}'", *(client.status.faults if client.status else ())))
+        return CommandReply(False, f"{answer.message}; ended: {why}")
     done = bool(ends) and ends[0].state is MotionState.DONE
     return CommandReply(done, f"{answer.message}; {ends[0] if ends else 'its end was not reported'}")

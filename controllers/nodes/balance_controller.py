@@ -123,7 +123,7 @@ class BalanceControllerNode(PoiseNode):
         return super().on_deactivate(state)
 
     def deactivate(self) -> None:
-        self._motions.forget()
+        self._motions.end("the controller was deactivated")
         self._black_box.flush()
 
     def on_state(self, state: RobotState, stamp: int) -> None:
@@ -212,9 +212,10 @@ class BalanceControllerNode(PoiseNode):
 
     def _on_mode(self, message: String) -> None:
         before, self._mode = self._mode, mode_named(message.data)
+        if self._mode not in ACTIVE_MODES or (self._mode is Mode.WALK and before is not Mode.WALK):
+            self._motions.end(f"mode '{self._mode.value}'")
         if before not in ACTIVE_MODES:
             self.activate()
-            self._motions.forget()
 
     def _bound_gains(self) -> None:
         """Gains may change while the robot stands, by ``FACTOR``: rclpy refuses other values, naming both."""

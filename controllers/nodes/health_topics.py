@@ -138,6 +138,7 @@ class HealthTopics:
         self._odom_stamp = self._command_stamp = self._started = self._checked = self.now
         self._silence = [0, 0]
         self._control = NO_CONTROL
+        self._motion_active = False
         self._clock_silence = 0.0
 
     def clock_silence(self, period: float) -> float:
@@ -229,7 +230,7 @@ class HealthTopics:
         self._command_stamp = stamp_of(data)
 
     def _on_motion(self, status: MotionStatus) -> None:
-        if status.state in (MotionState.RUNNING, MotionState.DONE):
+        if status.state in (MotionState.RUNNING, MotionState.DONE, MotionState.ENDED):
             self._motion_active = status.state is MotionState.RUNNING
 
     def _on_gait(self, status: GaitStatus) -> None:

@@ -40,9 +40,10 @@ class MotionTopics:
             node.listen(JointTrajectory, topic, partial(self._on_trajectory, topic), EVENT, raw=True)
         node.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
 
-    def forget(self) -> None:
-        """The law starts over: no motion runs."""
-        self._running = False
+    def end(self, reason: str) -> None:
+        """Publish that the motion that runs, if any, has ended before its end."""
+        if self._running:
+            self._publish(MotionState.ENDED, reason=reason)
 
     def publish_end(self) -> None:
         """Publish, after a tick, that the motion has ended."""
@@ -60,7 +61,7 @@ class MotionTopics:
         self.requested = message.data
         if message.data == topics.STOP_MOTION and self._running:
             self._stack.stop_motion()
-            self._publish(MotionState.DONE)
+            self.end("stopped")
 
     def _on_trajectory(self, topic: str, data: bytes) -> None:
         request, mode = "", self._mode()

@@ -184,6 +184,7 @@ class SupervisorNode(PoiseNode):
             if self._law.mode is Mode.WALK:
                 self._reports.walk()
             self._published = self._law.mode.value
+            self._report()  # before the mode: who waits finds its reasons
             self.get_logger().info(f"mode {self._published}" + "".join(f"; {fault}" for fault in self._law.faults))
             self._mode_topic.publish(String(data=self._published))
         motion = self._law.take_motion()

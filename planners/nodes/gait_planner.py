@@ -167,7 +167,7 @@ class GaitPlannerNode(PoiseNode):
         self._stack.stop()
 
     def _on_mode(self, message: Any) -> None:
-        if self._walking and message.data != self._mode:
+        if self._walking:  # "walk" again: the mode between, and the status of the walk that begins, would be lost
             self._leave()
         self._mode = message.data
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Twist, WrenchStamped
 from msgspec.structs import replace
 from nav_msgs.msg import Odometry
@@ -218,7 +219,14 @@ def test_a_pause_is_named(supervisor: FakeSupervisor, monkeypatch: pytest.Monkey
             client.trigger("none", timeout=0.3)
 
 
-@pytest.mark.parametrize("end", [MotionStatus(MotionState.DONE), MotionStatus(MotionState.REFUSED, "", "too fast")])
+@pytest.mark.parametrize(
+    "end",
+    [
+        MotionStatus(MotionState.DONE),
+        MotionStatus(MotionState.REFUSED, "", "too fast"),
+        MotionStatus(MotionState.ENDED, "", "stopped"),
+    ],
+)
 def test_a_reach_lasts_until_its_motion_ends(
     supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch, end: MotionStatus
 ) -> None:
@@ -241,6 +249,31 @@ def test_a_reach_lasts_until_its_motion_ends(
     with Client() as client:
         reply = walk.reach(client, "left_hand", (0.3, 0.2, 0.1), frame_id="base_link")
     assert (reply.accepted, reply.reason) == (end.state is MotionState.DONE, f"planned; {end}")
+
+
+@pytest.mark.parametrize("reported", [True, False])  # a controller that died reports nothing
+def test_a_reach_ends_when_the_robot_is_damped(supervisor: FakeSupervisor, reported: bool) -> None:
+    try:
+        kind = interface(PACKAGE, "srv", "PlanMotion")
+    except PoiseError as error:
+        pytest.skip(str(error))
+
+    def damp() -> None:
+        if reported:
+            supervisor.states.publish(MotionStatus(MotionState.ENDED, "", "mode 'damp'"))
+        supervisor.record = replace(supervisor.record, mode=Mode.DAMP, faults=("fallen",))
+        supervisor.mode.publish(String(data="damp"))
+
+    def plan(request: Any, response: Any) -> Any:
+        response.success, response.message = True, "planned"
+        response.trajectory.points = [JointTrajectoryPoint(time_from_start=Duration(sec=1000))]
+        supervisor.create_timer(0.5, damp)
+        return response
+
+    supervisor.create_service(kind, topics.PLAN_MOTION, plan)
+    with Client() as client:
+        reply = walk.reach(client, "left_hand", (0.3, 0.2, 0.1), frame_id="base_link")
+    assert (reply.accepted, reply.reason) == (False, "planned; ended: mode 'damp'; fallen")
 
 
 def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:

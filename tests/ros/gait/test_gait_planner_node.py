@@ -90,6 +90,17 @@ def robot(bench: Any, g1: RobotModel) -> Commanded:
     return Commanded(bench, g1)
 
 
+def test_a_walk_that_begins_again_is_reported_where_the_mode_between_was_lost(robot: Commanded) -> None:
+    """The supervisor counts the gait as moving from the begin of a walk until its report."""
+    robot.enter("walk")
+    robot.bench.spin(0.3)
+    robot.phases.clear()
+    robot.mode.publish(String(data="walk"))
+    robot.bench.wait(lambda: not robot.node._begun)
+    robot.node.publish(robot.stamp)
+    robot.bench.wait(lambda: robot.phases)
+
+
 def test_velocities_count_while_they_are_repeated(robot: Commanded) -> None:
     ahead = velocity_to_twist((0.3, 0.0, 0.2))
     robot.publish(robot.velocity, ahead)  # it may come before the mode that it belongs to

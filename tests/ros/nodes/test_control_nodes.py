@@ -90,6 +90,15 @@ class Controlled:
         return self.said[0]
 
 
+@pytest.mark.parametrize(("mode", "end"), [("damp", "ended: mode 'damp'"), ("walk", "ended: mode 'walk'")])
+def test_a_mode_that_ends_a_motion_is_its_reason(bench: Any, g1: RobotModel, mode: str, end: str) -> None:
+    robot = Controlled(bench, g1)
+    assert robot.answer("") == "running"
+    robot.set_mode(mode)
+    robot.tick()
+    bench.wait(lambda: robot.said == ["running", end])
+
+
 def test_ticks_over_their_budget_are_counted_and_reported_at_once(bench: Any, g1: RobotModel) -> None:
     statuses: list[tuple[float, dict[str, str]]] = []
 
