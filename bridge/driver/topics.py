@@ -253,6 +253,19 @@ class TruthTopics:
 SCENARIO = "faults.scenario"  #: Parameter with the faults that the service ``faults/inject`` injects
 
 
+def declare_simulation(node: PoiseNode) -> None:
+    """Declare the parameters of ``SimulationServices``, which may be changed at any time."""
+    parameter = partial(describe, read_only=False)
+    for name, default, descriptor in (
+        ("push.force", [0.0, 60.0, 0.0], parameter("Force of the service push, in the world [N]")),
+        ("push.duration", 0.1, parameter("Duration of a push [s]", low=0.001, high=10.0)),
+        ("push.body", "base_link", parameter("Body that the service push pushes")),
+        ("obstacle.place", [2.0, 0.0], parameter("Centre of the box of the service obstacle, x and y in W [m]")),
+        (SCENARIO, "", parameter("Faults of faults/inject: YAML, a file, or the name of a packaged scenario")),
+    ):
+        node.declare_parameter(name, default, descriptor)
+
+
 class SimulationServices:
     """Services on the simulated world.
 
@@ -275,16 +288,6 @@ class SimulationServices:
     ) -> None:
         self._node, self._drivers, self._plant = node, drivers, drivers.plant
         self._restart, self._pause = restart, pause
-        parameter = partial(describe, read_only=False)
-        for name, default, descriptor in (
-            ("push.force", [0.0, 60.0, 0.0], parameter("Force of the service push, in the world [N]")),
-            ("push.duration", 0.1, parameter("Duration of a push [s]", low=0.001, high=10.0)),
-            ("push.body", "base_link", parameter("Body that the service push pushes")),
-            ("obstacle.place", [2.0, 0.0], parameter("Centre of the box of the service obstacle, x and y in W [m]")),
-            (SCENARIO, "", parameter("Faults of faults/inject: YAML, a file, or the name of a packaged scenario")),
-        ):
-            if not node.has_parameter(name):
-                node.declare_parameter(name, default, descriptor)
         self._plant.faults.note = node.get_logger().warning
         node.listen(WrenchStamped, topics.PUSH, self._on_push, EVENT)
         self._offer(SetBool, "pause", self._on_pause)

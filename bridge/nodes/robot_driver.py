@@ -15,7 +15,15 @@ from bridge.driver.drivers import Drivers, HardwareDrivers, SimulatedDrivers
 from bridge.driver.operator import StartServices
 from bridge.driver.probes import AnswerTimes, LatencyProbe
 from bridge.driver.run_loop import run_plant
-from bridge.driver.topics import CommandInput, ScanTopic, SensorTopics, SimulationServices, StatusTopics, TruthTopics
+from bridge.driver.topics import (
+    CommandInput,
+    ScanTopic,
+    SensorTopics,
+    SimulationServices,
+    StatusTopics,
+    TruthTopics,
+    declare_simulation,
+)
 from bridge.driver.world import DriverWorld, robot_name
 from bridge.plants.base import HardwarePlant, Plant, SimulatedPlant, make_plant
 from bridge.plants.config import DriverConfig, LoopConfig, read_options
@@ -27,7 +35,7 @@ from models.config import default_config
 from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.calibration_file import NO_FILE, CalibrationFile
+from models.nodes.calibration_file import NO_FILE, CalibrationFile, declare_calibration
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.parameters import declare_config
 from models.nodes.spin import Stop, run
@@ -60,6 +68,8 @@ class RobotDriver(PoiseNode):
     def __init__(self, world: DriverWorld | None = None, **kwargs: Any) -> None:
         super().__init__("robot_driver", **kwargs)
         self.config: DriverConfig = declare_config(self, default_config(DriverConfig, "bridge", "robot_driver"))
+        declare_calibration(self, NO_FILE)
+        declare_simulation(self)
         self.lockstep = self.config.lockstep
         self.tick = 1
         self.paused = False
@@ -96,7 +106,7 @@ class RobotDriver(PoiseNode):
         self.commands = CommandInput(
             self, self.drivers, self._period_ns, age_max, self._probe, self._status.publish_state
         )
-        self._calibration = CalibrationFile(self, NO_FILE)
+        self._calibration = CalibrationFile(self)
         self._start: StartServices | None = None
         if isinstance(self.drivers, HardwareDrivers):
             self._start = StartServices(self, self.drivers, self._status.publish_state)

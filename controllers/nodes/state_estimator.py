@@ -16,6 +16,7 @@ from controllers.stack import ControlStack
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.base import PoiseNode
+from models.nodes.calibration_file import declare_calibration
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.parameters import declare, declare_config, declare_lockstep
 from models.nodes.qos import EVENT
@@ -43,6 +44,7 @@ class StateEstimatorNode(PoiseNode):
         super().__init__("state_estimator", **kwargs)
         self._hand_over, self._stack = hand_over, stack or ControlStack()
         self._config = declare_config(self, default_config(EstimatorConfig, "controllers", "estimator"))
+        declare_calibration(self)
         self._lockstep, self._waits = declare_lockstep(self)
         self._rates = declare_rates(self, shared=hand_over is not None, lockstep=self._lockstep)
         self._ages = declare_ages(self)

@@ -3,9 +3,15 @@
 from models.calibration import Calibration
 from models.calibration_store import CalibrationStore
 from models.nodes.base import PoiseNode
-from models.nodes.parameters import describe
+from models.nodes.parameters import declare
 
-NO_FILE = "none"  #: Value of the parameter ``calibration_dir`` for no calibration
+CALIBRATION_DIR, NO_FILE = "calibration_dir", "none"  #: Parameter, and its value for no calibration
+
+
+def declare_calibration(node: PoiseNode, default: str = "") -> None:
+    """Declare the parameter ``calibration_dir``, the folder of the calibration files."""
+    text = f"Folder of the calibration files; empty for the usual one, '{NO_FILE}' to read none"
+    declare(node, CALIBRATION_DIR, default, text)
 
 
 class CalibrationFile:
@@ -16,12 +22,9 @@ class CalibrationFile:
     and, after a refusal, ``calibration refused``.
     """
 
-    def __init__(self, node: PoiseNode, default: str = "") -> None:
+    def __init__(self, node: PoiseNode) -> None:
         self._node = node
-        text = describe(f"Folder of the calibration files; empty for the usual one, '{NO_FILE}' to read none")
-        if not node.has_parameter("calibration_dir"):
-            node.declare_parameter("calibration_dir", default, text)
-        self._folder = str(node.get_parameter("calibration_dir").value)
+        self._folder = str(node.get_parameter(CALIBRATION_DIR).value)
 
     @property
     def store(self) -> CalibrationStore | None:

@@ -29,7 +29,7 @@ from planners.gait.state import GaitView, capture_margin, coming_steps
 from planners.nodes.footstep_messages import path_from_steps
 from planners.nodes.gait_commands import RouteTopics
 from planners.nodes.gait_link import GaitStage, RemoteGait, declare_gait
-from planners.nodes.ground_walk import GroundWalk
+from planners.nodes.ground_walk import GroundWalk, declare_around
 
 TAKEN_MAX = 20  #: Length of ``gait/footsteps_taken``
 
@@ -135,6 +135,7 @@ class GaitPlannerNode(PoiseNode):
         text = "Silence of the supervisor after which the robot stops [s]"
         timeout = declare(self, "command_timeout", 0.5, text, low=0.01, high=10.0)
         self._periods = declare_rates(self)
+        declare_around(self)
         self._command = VelocityCommand(timeout)
         self._stamp = 0
         self._begun = False

@@ -47,6 +47,12 @@ class _Stage(Enum):
     BLOCKED = auto()  # it stands in front of what it cannot step on, until the velocity changes
 
 
+def declare_around(node: PoiseNode) -> None:
+    """Declare the parameter ``around``."""
+    text = "Whether to walk to a goal around what stands on level ground, instead of stepping upon it"
+    node.declare_parameter(_AROUND, False, describe(text, read_only=False))
+
+
 class GroundWalk:
     """Watches the ground ahead of a goal or a forward velocity, and walks on plans where it is not level.
 
@@ -64,8 +70,6 @@ class GroundWalk:
         self._route = GroundRoute(law, stack)
         self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
-        text = "Whether to walk to a goal around what stands on level ground, instead of stepping upon it"
-        node.declare_parameter(_AROUND, False, describe(text, read_only=False))
         self._around = lambda: bool(node.get_parameter(_AROUND).value)
         self._number = 0  # of the last watch
         self._stage, self.outcome = _Stage.IDLE, ""

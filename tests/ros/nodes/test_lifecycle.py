@@ -1,13 +1,16 @@
 """Every node goes through its states again and again, and leaves nothing behind when it fails."""
 
+from functools import partial
 from typing import Any
 
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import IntegerRange
+from rclpy.lifecycle import TransitionCallbackReturn
 from std_msgs.msg import String
 
+from bridge.commands import reference
 from bridge.nodes.robot_driver import RobotDriver
 from bridge.ros.processes import ACTIVATE, CONFIGURE, change_state
 from controllers.nodes.balance_controller import BalanceControllerNode
@@ -27,6 +30,16 @@ NODES = (RobotDriver, StateEstimatorNode, BalanceControllerNode, SupervisorNode,
 
 def _entities(node: Any) -> tuple[int, ...]:
     return tuple(len(list(kind)) for kind in (node.publishers, node.subscriptions, node.services, node.timers))
+
+
+@pytest.mark.parametrize("name", reference.NODES)
+def test_a_node_can_be_configured_again(bench: Any, name: str) -> None:
+    node = bench.add(partial(reference.make_node, name), active=False, configured=False)
+    declared = reference.parameters(node)
+    for _ in range(2):
+        assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS, node.message
+        assert reference.parameters(node) == declared
+        node.trigger_cleanup()
 
 
 @pytest.mark.parametrize("kind", NODES)
