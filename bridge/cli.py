@@ -128,6 +128,9 @@ def up(
         bool, typer.Option(help="Cast depth camera and lidar, and map the ground, in three separate processes.")
     ] = False,
     motions: Annotated[Path | None, typer.Option(help="Folder of further motion files.")] = None,
+    params_file: Annotated[
+        Path | None, typer.Option(help="ROS parameter file: further parameters of the nodes.")
+    ] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of every node, topic and service, such as robot_1.")] = "",
     robots: Annotated[
         str, typer.Option(help="Several in one world, each in its namespace: robot_1=g1,robot_2=talos.", metavar="LIST")
@@ -167,6 +170,7 @@ def up(
     from bridge.plants.base import find_plant
     from bridge.plants.fault_plan import fault_plan
     from bridge.plants.sensors import read_sensor_errors
+    from bridge.ros.processes import with_file
     from models.calibration_store import calibration_directory
     from models.errors import ConfigError
     from models.profile import load_profile
@@ -242,6 +246,9 @@ def up(
     if hardware:
         options["parameters"].update({name: {**own.get(name, {}), **more} for name, more in hardware["rates"].items()})
         options |= {name: hardware[name] for name in ("robot_network", "ending")}
+    if params_file is not None:
+        with report_errors():
+            options["parameters"] = with_file(options["parameters"], params_file)
     raise typer.Exit(
         up_world(several, **options)
         if several

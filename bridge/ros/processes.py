@@ -6,8 +6,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -17,9 +17,11 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
 from bridge.ros.heartbeat import VARIABLE, Heartbeat
-from models.errors import PoiseError
+from models.errors import ConfigError, PoiseError
 
 Parameters = Mapping[str, Mapping[str, object]]  #: Parameter values by node name, then by parameter name
+_VALUES = "ros__parameters"  #: Key of a node's parameters in a file of ROS 2
+_LAUNCHED = ("robot", "autostart", "lockstep")  #: Parameters that the launcher sets
 #: Absolute topics, which are remapped into the namespace, as Nav2 does
 GLOBAL_TOPICS = ("/clock", "/diagnostics", "/tf", "/tf_static")
 #: Signals that end a process, and the wait after each [s]
@@ -75,9 +77,41 @@ def ros_arguments(nodes: Sequence[str], parameters: Parameters, namespace: str, 
     return ["--ros-args", "--params-file", str(file), *rules]
 
 
+def with_file(parameters: Parameters, file: Path) -> dict[str, dict[str, object]]:
+    """Parameters by node with those of a ROS 2 parameter file in addition, ``NODE: {ros__parameters: {NAME: VALUE}}``.
+
+    Nested names are joined by dots. Raises ``ConfigError`` when the file cannot be read or has another form, and for a
+    parameter that is set already, or by the launcher: these have options.
+    """
+    from models.config import read_yaml  # imported here: commands of one word must not wait for it
+
+    result = {node: dict(values) for node, values in parameters.items()}
+    for key, section in read_yaml(file).items():
+        node = str(key).removeprefix("/")
+        if not isinstance(section, dict) or list(section) != [_VALUES] or not isinstance(section[_VALUES], dict):
+            raise ConfigError(f"{file}: {key}: expected one mapping, '{_VALUES}', of parameters to values")
+        given = result.setdefault(node, {})
+        for name, value in _dotted(section[_VALUES]):
+            if name in given or name in _LAUNCHED:
+                raise ConfigError(f"{file}: {node}: '{name}' is set by the command line or its options")
+            if not isinstance(value, bool | int | float | str | list):
+                raise ConfigError(f"{file}: {node}: '{name}' has no value that a parameter can have")
+            given[name] = value
+    return result
+
+
+def _dotted(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Names and values of nested mappings, the names joined by dots."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from _dotted(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
 def write_parameters(file: Path, parameters: Parameters) -> None:
     """Write a parameter file of ROS 2: values by full node name; JSON is valid YAML, which ROS expects."""
-    values = {node: {"ros__parameters": dict(given)} for node, given in parameters.items()}
+    values = {node: {_VALUES: dict(given)} for node, given in parameters.items()}
     file.write_text(json.dumps(values), encoding="utf-8")
 
 
@@ -305,6 +339,14 @@ def follows_clock(driver: Mapping[str, object]) -> bool:
     return driver.get("plant", default.plant) != default.plant or driver.get("real_time", default.real_time) == "strict"
 
 
+def _of_gait(planner: Mapping[str, object]) -> dict[str, object]:
+    """Parameters of the gait among the gait planner's, as the controller names them."""
+    from planners.gait.config import GaitConfig  # imported here: commands of one word must not wait for it
+
+    names = {each.name for each in fields(GaitConfig)}
+    return {f"gait.{name}": value for name, value in planner.items() if name.partition(".")[0] in names}
+
+
 def node_parameters(
     specs: list[ProcessSpec], robot: str, lockstep: bool, calibrations: Path, extra: Parameters
 ) -> dict[str, dict[str, object]]:
@@ -322,7 +364,8 @@ def node_parameters(
         timing = {**dict.fromkeys(REALTIME_NODES, REALTIME), "supervisor": SUPERVISOR_REALTIME}
     result: dict[str, dict[str, object]] = {}
     # A controller in another process than the gait planner executes the gait, with the same parameters
-    gait = {f"gait.{name}": value for name, value in extra.get("gait_planner", {}).items()}
+    apart = any("balance_controller" in spec.nodes and "gait_planner" not in spec.nodes for spec in specs)
+    gait = _of_gait(extra.get("gait_planner", {})) if apart else {}
     extra = {**extra, "balance_controller": {**gait, **extra.get("balance_controller", {})}}
     for name in names:
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}

@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
 from models.errors import PoiseError
 from models.nodes import realtime
+from models.nodes.parameters import refuse_undeclared
 
 SUPERVISED = "POISE_SUPERVISED"  #: Set by the launcher for the processes that are to end with it
 END_TIME = 3  #: Longest time for which the middleware may delay the end of a process [s]
@@ -84,7 +86,8 @@ def run(
 
     ``factories`` each make one node; the list is emptied, because they may refer to each other's nodes. ``args`` is the
     command line with ROS arguments, that of the process when None; ``loop`` serves the executor of ``make`` until the
-    flag is set. Returns 0 after a signal, 1 when a callback raised or a node with autostart could not start.
+    flag is set. Returns 0 after a signal, 1 when a callback raised, a node with autostart could not start, or a
+    parameter is unknown, of a wrong type or out of range.
     """
     if os.environ.get(SUPERVISED):
         realtime.die_with_parent()
@@ -99,10 +102,10 @@ def run(
         while factories:
             nodes.append(factories.pop(0)())
             executor.add_node(nodes[-1])
-            if getattr(nodes[-1], "autostart", False):
-                nodes[-1].bring_up()
+        refuse_undeclared(nodes)
+        _bring_up(nodes)
         loop(executor, nodes, stop)
-    except PoiseError as error:
+    except (PoiseError, ParameterException) as error:
         print(error, file=sys.stderr, flush=True)
         code = 1
     except Exception:  # no partly failed node: log it and end the process
@@ -131,6 +134,12 @@ def program(*nodes: Callable[[], Any], **options: Any) -> Callable[..., None]:
 
 
 # Functions, so that no variable of ``run`` keeps a node beyond its end
+
+
+def _bring_up(nodes: Sequence[Any]) -> None:
+    for node in nodes:
+        if getattr(node, "autostart", False):
+            node.bring_up()
 
 
 def _shut_down(nodes: Sequence[Any]) -> None:

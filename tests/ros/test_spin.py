@@ -44,6 +44,24 @@ def test_exit_code(ros_domain_id: int, act: str, code: int) -> None:
     assert ("ValueError: a bug" in ended.stderr) == (code == 1)
 
 
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ("comand_key:=x", "supervisor: unknown parameter 'comand_key': did you mean 'command_key'?"),
+        ("period:=fast", "'period' to 'fast' of type 'STRING', expecting type 'DOUBLE'"),
+        ("period:=-1.0", "period out of range Min: 0.001, Max: 1.0"),
+    ],
+)
+def test_a_wrong_parameter_is_refused_in_one_line(ros_domain_id: int, given: str, reason: str) -> None:
+    command = [sys.executable, "-m", "controllers.nodes.supervisor", "--ros-args", "-p", given]
+    ended = subprocess.run(
+        command, capture_output=True, text=True, timeout=60, env={**os.environ, **graph_environment()}
+    )
+    assert ended.returncode == 1
+    (line,) = ended.stderr.splitlines()
+    assert reason in line
+
+
 BLOCKED = """
 import ctypes
 from models.nodes import spin

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from bridge.cli import app
 from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain
-from bridge.ros.processes import absolute_namespace
-from models.errors import PoiseError
+from bridge.ros.processes import absolute_namespace, with_file
+from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 from models.nodes.qos import COMMAND, SENSOR
 
@@ -96,7 +96,9 @@ def launch_file(root: Path) -> Any:
     return module
 
 
-def test_the_launch_file_asks_for_options_that_poise_up_has(launch_file: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_launch_file_asks_for_options_that_poise_up_has(
+    launch_file: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     given: dict[str, Any] = {}
 
     def up(robot: str, **options: Any) -> int:
@@ -116,5 +118,27 @@ def test_the_launch_file_asks_for_options_that_poise_up_has(launch_file: Any, mo
     result = CliRunner().invoke(app, launch_file.command(values | real)[1:])
     assert result.exit_code == 0, result.output
     assert given["robot_network"].domain == 3
+    file = tmp_path / "own.yaml"
+    file.write_text("/supervisor: {ros__parameters: {command_key: x, arbitration: {a: 1.0}}}", encoding="utf-8")
+    result = CliRunner().invoke(app, launch_file.command(values | {"params_file": str(file)})[1:])
+    assert result.exit_code == 0, result.output
+    assert given["parameters"]["supervisor"] == {"command_key": "x", "arbitration.a": 1.0}
     with pytest.raises(ValueError, match="network: 'perhaps'"):
         launch_file.command({"network": "perhaps"})
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("supervisor: {auto_stand: false}", "supervisor: expected one mapping, 'ros__parameters'"),
+        ("supervisor: {ros__parameters: {robot: talos}}", "supervisor: 'robot' is set by the command line"),
+        ("robot_driver: {ros__parameters: {speed: 0.5}}", "robot_driver: 'speed' is set by the command line"),
+        ("supervisor: {ros__parameters: {period: 2026-01-01}}", "supervisor: 'period' has no value"),
+        ("supervisor: {ros__parameters: {period: }}", "supervisor: 'period' has no value"),
+    ],
+)
+def test_wrong_parameter_files_are_refused_by_name(text: str, reason: str, tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=f"own.yaml: {reason}"):
+        with_file({"robot_driver": {"speed": 1.0}}, file)

@@ -12,8 +12,11 @@ from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.parameter import Parameter
 
 from bridge.commands.reference import NODES, make_node, parameters
+from bridge.ros.processes import node_parameters, process_specs
 from controllers.balance.tuning import TUNABLE
+from controllers.stack import ControlStack
 from models.nodes.base import PoiseNode
+from models.nodes.parameters import refuse_undeclared
 
 pytestmark = pytest.mark.ros
 
@@ -56,6 +59,20 @@ def test_every_parameter_is_described(node: PoiseNode) -> None:
 def test_what_is_read_only_cannot_be_changed(node: PoiseNode) -> None:
     (result,) = node.set_parameters([Parameter("robot", value="talos")])
     assert not result.successful and "read-only" in result.reason
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+@pytest.mark.parametrize("processes", ["shared", "separate"])
+@pytest.mark.parametrize("driver", [{}, {"real_time": "strict"}, {"plant": "unitree", "sensor_rate": 500.0}])
+def test_what_the_launcher_sets_is_declared(
+    bench: Any, driver: dict[str, object], processes: Any, lockstep: bool, tmp_path: Path
+) -> None:
+    specs = process_specs(processes, actions=True, camera=True, terrain_map=True)
+    extra = {"robot_driver": driver, "gait_planner": {"around": True, "swing.edge": 0.02}}
+    for name, given in node_parameters(specs, "g1", lockstep, tmp_path, extra).items():
+        merged = name == "balance_controller" and processes == "shared"
+        make = partial(NODES[name], *([ControlStack()] if merged else []))
+        refuse_undeclared([bench.add(make, configured=False, **given)])
 
 
 def test_no_node_is_left_out(root: Path) -> None:
