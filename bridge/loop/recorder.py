@@ -46,7 +46,7 @@ class LoopRecorder:
             *(topics.JOINT_SETPOINTS, topics.MODE, topics.ODOM, topics.GROUND_TRUTH, topics.MOTION_TRAJECTORY),
             *(topics.APPLIED, topics.ROBOT_DESCRIPTION, EVENTS),
         ):
-            log.announce(f"/{topic}", TYPES[topic])
+            log.announce(f"/{topic}", TYPES[topic], latched=topic in (topics.MODE, topics.ROBOT_DESCRIPTION))
         log.describe(DESCRIPTION, {ROBOT: self._robot.name})
         urdf = self._robot.urdf.read_text(encoding="utf-8")
         log.add(f"/{topics.ROBOT_DESCRIPTION}", bytes(serialize_message(String(data=urdf))), 0)

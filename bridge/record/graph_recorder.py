@@ -131,7 +131,7 @@ class GraphRecorder:
         package, _, short = kind.partition("/msg/")
         message = getattr(import_module(f"{package}.msg"), short)
         written = f"/{topic.removeprefix('/')}"
-        self._log.announce(written, kind)
+        self._log.announce(written, kind, latched=latched)
         node.create_subscription(message, name, lambda data: self.take(topic, written, bytes(data)), qos, raw=True)
 
     def take(self, topic: str, name: str, data: bytes) -> None:

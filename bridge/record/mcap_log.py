@@ -1,5 +1,6 @@
 """MCAP files of serialised ROS 2 messages, for Foxglove, PlotJuggler and ``ros2 bag``, and their topics."""
 
+import json
 import os
 import sysconfig
 from collections.abc import Mapping
@@ -46,6 +47,17 @@ _TOPICS = {
     ),
 }
 TYPES = {topic: kind for kind, names in _TOPICS.items() for topic in names}  #: Type of each topic
+_FOREVER = {"sec": 9223372036, "nsec": 854775807}
+#: Offered QoS as ``ros2 bag record`` of Jazzy writes it; JSON is valid YAML, which rosbag2 expects
+_LATCHED = json.dumps(
+    [
+        {
+            **{"history": "keep_last", "depth": 10, "reliability": "reliable", "durability": "transient_local"},
+            **{"deadline": _FOREVER, "lifespan": _FOREVER, "liveliness": "automatic"},
+            **{"liveliness_lease_duration": _FOREVER, "avoid_ros_namespace_conventions": False},
+        }
+    ]
+)
 
 
 class McapLog:
@@ -60,12 +72,16 @@ class McapLog:
         self._channels: dict[str, int] = {}
         self.counts: dict[str, int] = {}
 
-    def announce(self, topic: str, kind: str) -> None:
-        """Declare the type of a topic before its first message; ``MessageError`` when it is not installed."""
+    def announce(self, topic: str, kind: str, *, latched: bool = False) -> None:
+        """Declare the type of a topic before its first message; ``MessageError`` when it is not installed.
+
+        ``ros2 bag play`` publishes a ``latched`` one transient local, and every other one volatile.
+        """
         if kind not in self._schemas:
             text = message_text(kind)
             self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", text.encode())
-        self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[kind])
+        offered = {"offered_qos_profiles": _LATCHED} if latched else {}
+        self._channels[topic] = self._writer.register_channel(topic, "cdr", self._schemas[kind], offered)
         self.counts[topic] = 0
 
     def add(self, topic: str, data: bytes, stamp: int, sent: int | None = None) -> None:

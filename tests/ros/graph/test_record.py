@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from mcap_ros2.reader import read_ros2_messages
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -94,6 +95,9 @@ def test_the_file_is_complete_and_loss_is_reported(
     stamp = joints[0].ros_msg.header.stamp
     assert joints[0].log_time_ns == stamp.sec * 10**9 + stamp.nanosec
     assert [each.ros_msg.data for each in modes] == ["stand"]
+    (offered,) = yaml.safe_load(modes[0].channel.metadata["offered_qos_profiles"])  # for ros2 bag play
+    assert (offered["durability"], offered["reliability"]) == ("transient_local", "reliable")
+    assert "offered_qos_profiles" not in joints[0].channel.metadata
     assert modes[0].log_time_ns >= joints[0].log_time_ns  # what is latched is of the robot's time, not of 1970
 
 
