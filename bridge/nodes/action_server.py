@@ -157,15 +157,14 @@ class FollowJointTrajectory(Action):
         feedback = partial(self._feedback, handle, names)
         outcome = await track_motion(handle, robot, turn, feedback, planned=False)
         if not outcome.success:
-            code = codes.PATH_TOLERANCE_VIOLATED if robot.motions_begun else codes.INVALID_GOAL
-            return Outcome(False, outcome.message, outcome.cancelled, code)
+            return outcome
         worst = self._outside(asked, names)
         return Outcome(False, worst, code=codes.GOAL_TOLERANCE_VIOLATED) if worst else outcome
 
     def result(self, outcome: Outcome) -> Any:
-        """Result message of an outcome."""
+        """Result message of an outcome; a cancelled goal is no error, as in ros2_controllers."""
         codes = self._kind.Result
-        code = codes.SUCCESSFUL if outcome.success else outcome.code or codes.INVALID_GOAL
+        code = codes.SUCCESSFUL if outcome.success or outcome.cancelled else outcome.code or codes.INVALID_GOAL
         return codes(error_code=code, error_string="" if outcome.success else outcome.message)
 
     def _feedback(self, handle: Any, names: list[str], state: str) -> None:

@@ -178,3 +178,19 @@ def test_words_that_the_robot_would_walk_or_stop_on_are_no_motions(text: str) ->
     goal = cast(Action, object.__new__(MotionAction)).refusal(SimpleNamespace(motion=text))
     assert goal is not None and "is not a motion" in goal.message
     assert ("cancel the goal" if "stop" in text.lower() else "walk_to") in goal.message
+
+
+@pytest.mark.parametrize(("cancelled", "code"), [(True, "SUCCESSFUL"), (False, "INVALID_GOAL")])
+def test_no_trajectory_ends_with_a_tolerance_that_was_not_violated(
+    monkeypatch: pytest.MonkeyPatch, cancelled: bool, code: str
+) -> None:
+    async def track(*_: object, **__: object) -> Outcome:
+        return Outcome(False, "on its way", cancelled)
+
+    monkeypatch.setattr("bridge.nodes.action_server.track_motion", track)
+    follow = interface("control_msgs", "action", "FollowJointTrajectory")
+    robot: Any = SimpleNamespace(begin=list, motions_begun=1)
+    action = FollowJointTrajectory(robot, follow, cast(Any, None), lambda _: None)
+    outcome = asyncio.run(action.run(SimpleNamespace(request=follow.Goal()), cast(Any, None)))
+    result = action.result(outcome)
+    assert result.error_code == getattr(follow.Result, code) and result.error_string == "on its way"
