@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 PACKAGES = ("models", "planners", "controllers", "bridge")
-OF_ROS = re.compile(r"rclpy|\w+_(msgs|srvs|interfaces)")
+OF_ROS = re.compile(r"rclpy|launch|\w+_(msgs|srvs|interfaces)")
 PREFIX = Path(sysconfig.get_path("data"))
 
 
