@@ -178,7 +178,7 @@ def participant(
     namespace: str = "",
     make: Callable[..., Any] = SingleThreadedExecutor,
 ) -> Iterator[tuple[Node, Any]]:
-    """A node in a ROS context of its own, and its executor, until the end of the ``with`` block.
+    """A node, ``name`` with the number of the process, in a separate ROS context, and its executor, until the end.
 
     With ``network`` the robot may run on another machine. ``make`` makes the executor. Raises ``PoiseError`` for an
     invalid namespace.
@@ -188,7 +188,8 @@ def participant(
     context = Context()
     arguments = [*sys.argv, *log_arguments()]
     rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = Node(name, context=context, **in_namespace(namespace))
+    # Nodes of one name hide each other
+    node = Node(f"{name}_{os.getpid()}", context=context, **in_namespace(namespace))
     executor = make(context=context)
     executor.add_node(node)
     try:

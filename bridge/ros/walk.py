@@ -44,7 +44,8 @@ class RobotClock:
         here = partial(client.node.count_publishers, topics.ODOM)
         client.expect(lambda: here() > 0, ANSWER_TIMEOUT, "publisher on", topics.ODOM)
         self._client, self._now, self._received = client, math.nan, time.monotonic()
-        self._node = Node("poise_clock", context=client.node.context, **in_namespace(client.namespace))  # not spun
+        name = f"{client.node.get_name()}_clock"
+        self._node = Node(name, context=client.node.context, **in_namespace(client.namespace))  # not spun
         self._odometry = self._node.create_subscription(Odometry, topics.ODOM, ignore, SENSOR, raw=True)
         client.wait(lambda: self.now() > -math.inf, math.inf)
 

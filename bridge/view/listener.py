@@ -92,7 +92,8 @@ class Listener:
 
     def __init__(self, model: RobotModel, client: Client, config: ViewConfig) -> None:
         self._client, self._config = client, config
-        self._node = Node("poise_view", context=client.node.context, **in_namespace(client.namespace))
+        name = f"{client.node.get_name()}_view"
+        self._node = Node(name, context=client.node.context, **in_namespace(client.namespace))
         subscribe = self._node.create_subscription
         self._joints = subscribe(JointState, topics.JOINT_STATES, ignore, SENSOR, raw=True)
         self._odom = subscribe(Odometry, topics.ODOM, ignore, SENSOR, raw=True)

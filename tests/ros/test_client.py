@@ -310,6 +310,19 @@ def test_every_subscriber_receives_a_command(supervisor: FakeSupervisor, monkeyp
     assert words.split("\n") == ["word 0", "word 1", "word 2", ""]
 
 
+NAME = """
+from bridge.ros.client import Client
+with Client() as client:
+    print(client.node.get_name())
+"""
+
+
+def test_commands_at_the_same_time_have_nodes_of_different_names(context: Context) -> None:
+    with Client() as client:
+        other = subprocess.run([sys.executable, "-c", NAME], capture_output=True, text=True, timeout=60, check=True)
+        assert other.stdout.startswith("poise_client_") and other.stdout.strip() != client.node.get_name()
+
+
 def test_without_a_graph(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(walk, "ANSWER_TIMEOUT", 0.3)
     with Client() as client:
