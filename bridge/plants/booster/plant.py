@@ -117,6 +117,7 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
         self._link.release()
 
     def _finish(self) -> None:
+        self._end_guard()  # also where the robot's own controller is active: the guard would go on against it
         data, period = self._encode_command(damping_command(self._model), last=True), real_robot().command_period
         for _ in range(round(self._config.finish_time / period)):
             if self.vendor:

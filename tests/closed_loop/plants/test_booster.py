@@ -112,7 +112,7 @@ def test_the_end_leaves_an_active_controller_alone_and_reports_a_robot_that_does
     other.reach(StartState.PREPARE)
     loop.side.mode = PREPARE
     loop.plant.close()
-    assert loop.side.mode == PREPARE and not loop.plant.end_warning
+    assert loop.side.mode == PREPARE and not loop.plant.end_warning and not loop.guard.armed
     other.side.refused_mode = DAMPING
     other.plant.close()
     assert other.side.mode == CUSTOM and "still in mode custom after 0.1 s" in other.plant.end_warning
