@@ -66,6 +66,7 @@ class Ros2ControlPlant(RealPlant):
         self._mark = driver_mark()
         self._codec = command_codec(model, config, self._mark)
         self._foreign = ForeignCommands("command", config.foreign_commands)
+        self._in_force = b""  # the last command, of this driver or its guard
         self._others: Finding | None = None  # commands of other programs
         self._samples: list[SensorData] = []  # complete, and not read yet
         self._t = 0.0  # time of the newest joint state [s]
@@ -80,8 +81,11 @@ class Ros2ControlPlant(RealPlant):
         if self._closed:
             return self._sensors
         self.guard.step(self._link.beats(), commanded=self._marker.made)
-        foreign = sum(self._codec.mark(data) not in (self._mark, GUARD) for data in self._link.commands())
-        self._others = self._foreign.step(foreign, self._period)
+        commands = [(self._codec.mark(data), data) for data in self._link.commands()]
+        ours = [each for each in commands if each[0] in (self._mark, GUARD)]
+        if ours and ours[-1][0] == GUARD:  # this driver hung
+            self._in_force = ours[-1][1]
+        self._others = self._foreign.step(len(commands) - len(ours), self._period)
         self._gather()
         samples, self._samples = self._samples, []
         self.counter.idle(arrived=bool(samples))
@@ -175,7 +179,9 @@ class Ros2ControlPlant(RealPlant):
         """
         if self._codec.evaluated and self.counter.silence > self.config.state_age_max:
             command = JointCommand.torque(command.tau)
-        return self._codec.encode(self._seen.get(JOINTS, 0), command, self._sensors.q, self._sensors.v, self._sent)
+        stamp, sensors = self._seen.get(JOINTS, 0), self._sensors
+        self._in_force = self._codec.encode(stamp, command, sensors.q, sensors.v, self._in_force)
+        return self._in_force
 
     def _decode_command(self, data: bytes) -> JointCommand:
         return self._codec.decode(data)

@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 
 from bridge.driver.start_commands import StartState
 from bridge.hardware_loop import Process, Ros2ControlLoop
-from bridge.plants.ros2_control.commands import command_codec
+from bridge.plants.ros2_control.commands import GUARD, command_codec
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, Source
 from bridge.plants.ros2_control.plant import Ros2ControlPlant
 from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
@@ -313,3 +313,21 @@ def test_other_joints_of_linear_feedback_controller_are_refused(side: Controlled
 def test_an_unknown_option_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="comand"):
         Ros2ControlPlant(RobotModel.load("g1"), comand="pvt")
+
+
+def test_torques_go_on_from_those_of_the_guard_after_a_hang(side: ControlledRobot, tmp_path: Path) -> None:
+    plant = plant_of(side, tmp_path)
+    run(plant, side, 0.01)
+    link, model, zero = plant._link, side.model, np.zeros(side.model.nj)
+    codec = command_codec(model, plant.config, GUARD)
+    assert isinstance(link, DirectControlLink)
+    for _ in range(2):
+        plant.write(JointCommand.torque(model.tau_max))
+    link.publish(codec.encode(0, JointCommand.torque(zero), zero, zero))
+    run(plant, side, 0.001)
+    steps = []
+    for _ in range(2):
+        plant.write(JointCommand.torque(model.tau_max))
+        plant.read()  # with the echo of the command
+        steps.append(codec.decode(link.sent[-1]).tau)
+    np.testing.assert_allclose(steps, np.outer([1.0, 2.0], 0.001 * model.tau_rate_max))
