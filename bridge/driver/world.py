@@ -11,7 +11,7 @@ from bridge.driver.run_loop import Paced
 from bridge.plants.config import DriverConfig
 from bridge.plants.mujoco import step_world
 from bridge.plants.world import MujocoWorld, Place
-from models.errors import ConfigError
+from models.errors import CommandError, ConfigError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import set_stamp
@@ -124,6 +124,16 @@ class DriverWorld:
         """Whether simulated time advances."""
         moving = self._moving
         return bool(moving) and not any(driver.paused for driver in moving)
+
+    def require_time(self, asking: DrivenRobot) -> None:
+        """``CommandError`` when another robot's pause stops the time of the one that asks."""
+        for driver in self._moving:
+            if driver.paused and driver is not asking:
+                name = robot_name(driver)
+                raise CommandError(
+                    f"'{name}' holds the pause of the world, in which no robot moves; end it: "
+                    f"ros2 service call /{name}/pause std_srvs/srv/SetBool '{{data: false}}'"
+                )
 
     @property
     def answered(self) -> bool:

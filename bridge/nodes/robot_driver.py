@@ -116,7 +116,7 @@ class RobotDriver(PoiseNode):
         self._scan: ScanTopic | None = None
         if self._simulated is not None:
             self._truth = TruthTopics(self, self._simulated.plant)
-            SimulationServices(self, self._simulated, self.restart, self._pause)
+            SimulationServices(self, self._simulated, self._restart_on_request, self._pause)
         if isinstance(plant, MujocoPlant):
             noise = float(config.sensor_noise)
             self._scan = ScanTopic(self, plant, seed=config.seed, noise=noise)
@@ -180,6 +180,12 @@ class RobotDriver(PoiseNode):
             settled = self._simulated.settle()
             self._settled = settled if self.lockstep else None
         self._status.publish_start(self.stamp)
+
+    def _restart_on_request(self, hanging: bool) -> None:
+        """As ``restart``; ``CommandError`` also while another robot pauses the world: the robot would not stand up."""
+        if self._world is not None:
+            self._world.require_time(self)
+        self.restart(hanging)
 
     @property
     def stamp(self) -> int:

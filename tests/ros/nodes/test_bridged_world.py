@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from bridge.driver.world import DriverWorld
 from bridge.launch.world import Inhabitant, WorldGraph, inhabitants
@@ -77,6 +78,20 @@ def test_a_pause_of_one_is_a_pause_of_all(world: DriverWorld) -> None:
     for bridge in world.drivers:
         bridge.trigger_deactivate()
     assert not world.running
+
+
+def test_a_reset_is_refused_while_another_robot_holds_the_pause(world: DriverWorld) -> None:
+    first, second = world.drivers
+    second.trigger_activate()
+    reset = next(each for each in first.services if each.srv_name.endswith("reset"))
+    for bridge, refused in ((second, True), (first, False)):  # it ends its own pause
+        bridge.paused = True
+        first.drivers.plant.hoist(0.1)
+        height = first.drivers.plant.truth.q[2]
+        answer = reset.callback(Trigger.Request(), Trigger.Response())
+        assert answer.success is not refused and ("'robot_1' holds the pause" in answer.message) is refused
+        assert bool(first.drivers.plant.truth.q[2] == height) is refused
+        bridge.paused = False
 
 
 def test_lockstep_waits_for_all_that_take_commands_and_for_no_others(world: DriverWorld, g1: RobotModel) -> None:
