@@ -205,7 +205,7 @@ def up(
             "--sensor-errors, --faults and --terrain go with --plant mujoco; poise rehearse has faults of a real robot"
         )
     hardware: dict[str, Any] = {}
-    from bridge.launch.hardware import PLANTS, check_plant, hardware_options
+    from bridge.launch.hardware import PLANTS, check_plant, hardware_options, other_network
 
     if plant in PLANTS:
         with report_errors():
@@ -243,6 +243,9 @@ def up(
         "calibration": calibration,
         "actions": actions,
     }
+    if plant not in (*PLANTS, "mujoco"):
+        with report_errors():
+            options["robot_network"] = other_network(plant, plant_options)
     if hardware:
         options["parameters"].update({name: {**own.get(name, {}), **more} for name, more in hardware["rates"].items()})
         options |= {name: hardware[name] for name in ("robot_network", "ending")}

@@ -1,12 +1,13 @@
 """Options of ``poise up`` for the plants of real robots, which are in a network and a DDS domain of their own."""
 
+import sys
 from typing import Any
 
 import yaml
 
 from bridge.launch.ending import EndConfig
 from bridge.launch.robot_network import LOOPBACK_INTERFACE, RobotNetwork
-from bridge.plants.base import make_plant
+from bridge.plants.base import find_guard, make_plant
 from bridge.plants.config import read_options
 from bridge.ros.environment import LAST_DOMAIN
 from bridge.ros.processes import RATED_NODES
@@ -77,6 +78,15 @@ def hardware_options(
 def check_plant(plant: str, robot: str, plant_options: str) -> None:
     """Make the plant without a connection, before any process starts; ``ConfigError`` says what does not fit."""
     make_plant(plant, RobotModel.load(robot), {**read_options(plant_options), "link": object()})
+
+
+def other_network(plant: str, plant_options: str) -> RobotNetwork | None:
+    """Network of a plant that is not of this package but has a guard process; None without one, or for a simulation.
+
+    Raises ``ConfigError`` for an unknown plant.
+    """
+    sys.path.append("")  # as the processes of the graph, which find a plant in the working folder
+    return RobotNetwork("", 0, plant, plant_options or "{}") if find_guard(plant) else None
 
 
 def _agreed(argument: str, value: Any, options: dict[str, Any], name: str) -> Any:

@@ -73,7 +73,10 @@ def _one(root: ET.Element, name: str) -> ET.Element:
 
 @dataclass(frozen=True, slots=True)
 class RobotNetwork:
-    """Where a real robot is: interface of this computer and the robot's DDS domain; its plant with its options."""
+    """Where a real robot is: interface of this computer and the robot's DDS domain; its plant with its options.
+
+    Without an interface, driver and guard stay on loopback: the plant has its own connection to the robot.
+    """
 
     interface: str
     domain: int = 0
@@ -92,15 +95,13 @@ class RobotNetwork:
 
     def processes(self, specs: Sequence[ProcessSpec], robot: str) -> list[ProcessSpec]:
         """The processes of a graph, the driver with the robot's network, and the guard beside it."""
-        address = self.check()
-        file = state_folder("robot_network") / f"{self.interface}.xml"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(profile_text(address), encoding="utf-8")
-        environment = {
-            PROFILE_VARIABLE: str(file),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
-            SESSION: secrets.token_hex(4),
-        }
+        environment = {SESSION: secrets.token_hex(4)}
+        if self.interface:
+            address = self.check()
+            file = state_folder("robot_network") / f"{self.interface}.xml"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(profile_text(address), encoding="utf-8")
+            environment |= {PROFILE_VARIABLE: str(file), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
         arguments = self.plant, robot, str(self.domain), self.options
         # without a guard the robot is held, not damped: the graph goes on
         guard = ProcessSpec(GUARD, (), True, arguments, environment, silence_max=real_robot().guard_kill)

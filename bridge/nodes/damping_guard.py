@@ -2,10 +2,10 @@
 
     python -m bridge.nodes.damping_guard PLANT ROBOT DOMAIN OPTIONS
 
-Each plant of a real robot has a module ``guard`` whose ``connect`` makes the guard and its connection. The
-process is no node of the graph but a participant in the robot's domain. It outlives the driver and its launcher: asked
-to end, or without its launcher, it damps a robot that was commanded for ``guard_time``. Its heartbeats are for the
-driver, which holds the robot without them, and for the launcher, which replaces a guard that is silent.
+The class of a plant names in ``guard_process`` the function that makes the guard and its connection. The process is no
+node of the graph but has its own connection to the robot. It outlives the driver and its launcher: asked to end, or
+without its launcher, it damps a robot that was commanded for ``guard_time``. Its heartbeats are for the driver, which
+holds the robot without them, and for the launcher, which replaces a guard that is silent.
 """
 
 import os
@@ -14,13 +14,13 @@ import signal
 import sys
 import time
 from contextlib import suppress
-from importlib import import_module
 from threading import Thread
 
+from bridge.plants.base import find_guard
 from bridge.plants.config import read_options
 from bridge.plants.hardware import real_robot
 from bridge.ros.heartbeat import beat
-from models.errors import PoiseError
+from models.errors import ConfigError, PoiseError
 from models.nodes import realtime
 from models.robot_model import RobotModel
 
@@ -48,9 +48,10 @@ def main(args: list[str] | None = None) -> None:
     """Watch until SIGTERM, or until the launcher has ended, and for a while after that."""
     plant, robot, domain, options = sys.argv[1:] if args is None else args
     parent = os.getppid()
-    make = import_module(f"bridge.plants.{plant}.guard").connect
     try:
-        guard, link = make(RobotModel.load(robot), int(domain), read_options(options))
+        if (connect := find_guard(plant)) is None:
+            raise ConfigError(f"plant '{plant}' has no guard_process")
+        guard, link = connect(RobotModel.load(robot), int(domain), read_options(options))
     except PoiseError as error:
         sys.exit(f"damping_guard: {error}")
     ending: list[int] = []

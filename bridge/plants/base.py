@@ -219,10 +219,25 @@ def find_plant(name: str) -> Callable[..., Plant]:
     known = {**installed, **BUILT_IN}
     if not all((place := known.get(name, name)).partition(":")):
         raise ConfigError(f"plant: unknown '{name}'; known: {', '.join(sorted(known))}; or give module:Class")
+    return _resolve(f"plant: '{name}'", place)
+
+
+def find_guard(name: str) -> Callable[..., Any] | None:
+    """What connects the guard process of a plant, by the plant's name; None for a plant without one.
+
+    The attribute ``guard_process`` of the plant's class is its place, ``module:function``. It gets the robot, the
+    robot's DDS domain and the options of the plant, and returns a ``SilenceGuard`` with its connection. Raises
+    ``ConfigError`` as ``find_plant``, and for a place that cannot be imported.
+    """
+    place = getattr(find_plant(name), "guard_process", "")
+    return _resolve(f"plant '{name}': guard_process '{place}'", place) if place else None
+
+
+def _resolve(what: str, place: str) -> Callable[..., Any]:
     try:
-        found: Callable[..., Plant] = resolve_name(place)
+        found: Callable[..., Any] = resolve_name(place)
     except (ImportError, AttributeError, ValueError) as error:
-        raise ConfigError(f"plant: '{name}' cannot be imported: {error}") from error
+        raise ConfigError(f"{what} cannot be imported: {error}") from error
     return found
 
 

@@ -38,11 +38,12 @@ class Link:
     def beat(self, armed): pass
     def close(self): pass
 
-package = types.ModuleType("bridge.plants.fake.guard")
+package = types.ModuleType("fake")
 package.connect = lambda *_: (DampingGuard(model), Link())
-sys.modules["bridge.plants.fake.guard"] = package
+package.Plant = types.SimpleNamespace(guard_process="fake:connect")
+sys.modules["fake"] = package
 sys.stdin.read(1)
-damping_guard.main(["fake", "g1_hardware", "0", "{}"])
+damping_guard.main(["fake:Plant", "g1_hardware", "0", "{}"])
 """
 
 

@@ -34,6 +34,7 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
         ConfigError: A robot with other joints, with foot sensors or without ``hardware``, or a wrong option.
     """
 
+    guard_process = "bridge.plants.booster.guard:connect"
     _link: BoosterLink
     state_name = "low_state"
     own_controller = "Booster's controller"

@@ -44,6 +44,8 @@ class Ros2ControlPlant(RealPlant):
         MessageError: Types of messages are not built.
     """
 
+    guard_process = "bridge.plants.ros2_control.guard:connect"
+
     def __init__(
         self,
         model: RobotModel,

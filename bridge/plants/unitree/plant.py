@@ -33,6 +33,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         ConfigError: A robot with other joints, with foot sensors or without ``hardware``, or another rate.
     """
 
+    guard_process = "bridge.plants.unitree.guard:connect"
     _robot: RobotLink
     state_name = "lowstate"
     own_controller = "Unitree's controller"

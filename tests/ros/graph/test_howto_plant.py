@@ -1,7 +1,10 @@
 """The code of docs/howto_plant.md does what the page says, and other plants are refused by name."""
 
 import json
+import os
 import re
+import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +16,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from bridge.launch.graph import Graph
+from bridge.launch.hardware import other_network
 from bridge.nodes.robot_driver import RobotDriver
+from bridge.ros.processes import BRIDGE, process_specs
 from models.nodes import topics
 from models.nodes.qos import SENSOR
 from tests.ros.conftest import free_domain
@@ -26,7 +31,7 @@ def folder(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files of the page, the sensor data recorded."""
     where = tmp_path_factory.mktemp("howto")
     blocks = re.findall(r"```python\n(.*?)```", (root / "docs/howto_plant.md").read_text(), re.DOTALL)
-    for name, code in zip(("record", "replay", "drive"), blocks, strict=True):
+    for name, code in zip(("record", "replay", "drive", "guarded"), blocks, strict=True):
         (where / f"{name}.py").write_text(code)
     run(where, root, "record.py")
     return where
@@ -61,6 +66,35 @@ def test_the_graph_runs_the_plant(folder: Path, monkeypatch: pytest.MonkeyPatch)
         graph.wait_standing(20.0)
         graph.spin(1.0)
         assert graph.standing
+
+
+def test_the_guard_damps_the_robot_when_the_driver_is_killed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(folder), prepend=":")
+    monkeypatch.syspath_prepend(str(folder))
+    robot = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    robot.bind(("127.0.0.1", 0))
+    robot.settimeout(20.0)
+    options = f"{{file: {folder}/standing.npz, port: {robot.getsockname()[1]}}}"
+    network = other_network("guarded:GuardedPlant", options)
+    assert network is not None and other_network("replay:ReplayPlant", options) is None
+    specs = network.processes(process_specs("shared"), "g1")
+    parameters = {"robot_driver": {"plant": network.plant, "plant_options": options}}
+
+    def damping() -> bool:
+        _, _, tau, kp, kd = np.frombuffer(robot.recv(1 << 16)).reshape(5, -1)
+        return kd.min() > 0.0 and not kp.any() and not tau.any()
+
+    with (
+        robot,
+        Graph(
+            "g1", domain_id=free_domain(), parameters=parameters, specs=specs, log=folder / "log_2", say=lambda _: None
+        ) as graph,
+    ):
+        graph.wait_for(lambda: graph.call("mode/stand")[0], 20.0, "armed")
+        graph.wait_standing(20.0)
+        os.kill(graph.pids[BRIDGE.module], signal.SIGKILL)
+        while not damping():
+            pass
 
 
 @pytest.mark.parametrize(
