@@ -16,9 +16,9 @@ def hold(model: RobotModel, q: Vector | None = None, tau: Vector | None = None) 
     return JointCommand(model.posture("stand") if q is None else q, zero, zero if tau is None else tau)
 
 
-def armed(model: RobotModel, t: float = -1.0) -> tuple[JointServo, float]:
+def armed(model: RobotModel, t: float = -1.0, *, keep_gains: bool = False) -> tuple[JointServo, float]:
     """A servo that has been armed, commanded to stand and is past its fade-in, and the time of its next step."""
-    servo = JointServo(model)
+    servo = JointServo(model, keep_gains=keep_gains)
     servo.arm()
     q, zero = model.posture("stand"), np.zeros(model.nj)
     for k in range(int(servo.config.arming_blend / DT) + 2):

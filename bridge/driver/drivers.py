@@ -26,13 +26,14 @@ class Drivers:
     The drives are without torque until a mode with motion arms them. They damp when the plant has had no new sample for
     ``sensor_timeout`` of ``controllers/config/motor_driver.yaml``.
 
+    ``keep_gains`` is that of ``JointServo``: a robot keeps its last command when its cable is cut.
     ``encoder_offsets`` (nj,) [rad], optional, are changed at the start only: when a reading jumps, the drives move the
     joint. ``stale`` is the time since the last new sample [s]; ``interruptions`` counts how often the commands stopped
     while the robot was held.
     """
 
-    def __init__(self, plant: Plant, model: RobotModel) -> None:
-        self.plant, self.servo = plant, JointServo(model)
+    def __init__(self, plant: Plant, model: RobotModel, *, keep_gains: bool = True) -> None:
+        self.plant, self.servo = plant, JointServo(model, keep_gains=keep_gains)
         self.encoder_offsets: Vector | None = None
         self.stale = 0.0
         self.interruptions = 0
@@ -92,7 +93,7 @@ class HardwareDrivers(Drivers):
     """
 
     def __init__(self, plant: HardwarePlant, model: RobotModel) -> None:
-        super().__init__(plant, model)
+        super().__init__(plant, model, keep_gains=plant.evaluates)
         self.plant: HardwarePlant = plant
         self.startup = Startup(model, crashed=plant.crashed, executed=plant.executed, own=plant.own_controller)
         self._load = FootLoad(model)
@@ -193,7 +194,7 @@ class SimulatedDrivers(Drivers):
     """
 
     def __init__(self, plant: SimulatedPlant, model: RobotModel, config: LoopConfig) -> None:
-        super().__init__(plant, model)
+        super().__init__(plant, model, keep_gains=False)
         self.plant: SimulatedPlant = plant
         self._model, self._config = model, config
         self._at_rest = hanging_command(model)

@@ -83,6 +83,11 @@ class HardwarePlant(Plant, Protocol):
         return ()
 
     @property
+    def evaluates(self) -> bool:
+        """Whether the drives evaluate the gains of a command; otherwise the robot gets torques."""
+        return True
+
+    @property
     def own_controller(self) -> str:
         """What messages call the controller that the robot has by itself; empty for none."""
 

@@ -45,7 +45,9 @@ class JointServo:
     setpoint has none. tau (nj,) [N.m] then passes the limits of ``controllers/joints/torque_limiter.py``.
 
     ``step`` returns the target of the drives: the setpoint with its gains, evaluated by the drive at its own rate.
-    A joint whose torque is limited gets the limited torque alone, with zero gains.
+    A joint whose torque is limited gets the limited torque alone, with zero gains. With ``keep_gains``, gains and
+    feed-forward are reduced by the same share instead, where the limit only reduces the torque: a drive that gets no
+    further command then still tracks its setpoint, damped.
 
     After ``arm`` the setpoints are faded in from the measured posture with s = 3 u^2 - 2 u^3, after ``blend`` from the
     setpoint in force, so nothing jumps; gains take effect at once. A setpoint that is not finite, of the wrong size
@@ -57,13 +59,14 @@ class JointServo:
         ``step`` is called at the rate of the drivers with times that do not decrease.
     """
 
-    def __init__(self, model: RobotModel, config: JointServoConfig | None = None) -> None:
+    def __init__(self, model: RobotModel, config: JointServoConfig | None = None, *, keep_gains: bool = False) -> None:
         self.config = config or default_config(JointServoConfig, "controllers", "joint_servo")
         self.state = ServoState.OFF  #: State of the drivers
         self.refused = 0  #: Setpoints refused because they were not finite, of the wrong size or had a negative gain
         self.timeouts = 0  #: Times that the driver damped because no setpoint came
         self.silence = 0.0  #: From the last setpoint to the newest of these times [s]
         self.model = model
+        self._keep_gains = keep_gains
         nj = model.nj
         self._gains = np.array([model.kp, model.kd])  # (2, nj)
         self._damping = self.config.damping_scale * model.kd
@@ -90,7 +93,7 @@ class JointServo:
         q, v, tau, kp, kd = self._drive
         _accept(q, v, tau, kp, kd, self._low, self._high, self._faded)
         drive_torque(model, self._command, q, v)
-        _limit(self._damped, q, v, 0.0, self._memory)
+        _limit(self._damped, q, v, 0.0, keep_gains, self._memory)
 
     @property
     def torque(self) -> Vector:
@@ -199,7 +202,7 @@ class JointServo:
         else:
             desired = self._damped
             self._damp(t, desired)
-        if not _limit(desired, q, v, dt, self._memory):
+        if not _limit(desired, q, v, dt, self._keep_gains, self._memory):
             self.sensor_faults += 1
         return self._command
 
@@ -283,14 +286,13 @@ def drive_torque(model: RobotModel, command: JointCommand, q: Vector, v: Vector)
 
 
 def bounded_command(model: RobotModel, command: JointCommand, q: Vector, v: Vector, share: float) -> JointCommand:
-    """A command where its torque is within a ``share`` of the limits, else the torque at the bound alone."""
-    torque, bound = drive_torque(model, command, q, v), share * model.tau_max
-    over = np.abs(torque) > bound
-    if not over.any():
+    """A command whose gains and feed-forward are reduced where its torque is beyond a ``share`` of the limits."""
+    torque, bound = np.abs(drive_torque(model, command, q, v)), share * model.tau_max
+    if not (torque > bound).any():
         return command
-    to_q, to_v, tau, kp, kd = _rows(model, command)
-    tau = np.where(over, np.clip(torque, -bound, bound), tau)
-    return JointCommand(to_q, to_v, tau, np.where(over, 0.0, kp), np.where(over, 0.0, kd))
+    to_q, to_v, *rows = _rows(model, command)
+    left = bound / np.maximum(torque, bound)
+    return JointCommand(to_q, to_v, *(left * row for row in rows))
 
 
 @njit(cache=True)
@@ -342,8 +344,8 @@ class _Memory(NamedTuple):
 
 
 @njit(cache=True)
-def _limit(setpoint: Matrix, q: Vector, v: Vector, dt: float, servo: Unboxed[_Memory]) -> bool:
-    """Command of the drives: the setpoint (5, nj) where its torque is not limited, else the limited torque alone.
+def _limit(setpoint: Matrix, q: Vector, v: Vector, dt: float, keep_gains: bool, servo: Unboxed[_Memory]) -> bool:
+    """Command of the drives: the setpoint (5, nj) where its torque is not limited, else as ``JointServo`` says.
 
     Returns whether all values were finite.
     """
@@ -352,7 +354,12 @@ def _limit(setpoint: Matrix, q: Vector, v: Vector, dt: float, servo: Unboxed[_Me
     finite = limit_torques(desired, q, v, dt, limits)
     drive[:] = setpoint
     for j in range(desired.shape[0]):
-        if limits.tau[j] != desired[j]:
-            drive[2, j] = limits.tau[j]
+        tau = limits.tau[j]
+        if tau == desired[j]:
+            continue
+        if keep_gains and tau * desired[j] > 0.0 and abs(tau) < abs(desired[j]):
+            drive[2:, j] *= tau / desired[j]
+        else:
+            drive[2, j] = tau
             drive[3, j] = drive[4, j] = 0.0
     return finite

@@ -188,6 +188,10 @@ class Ros2ControlPlant(RealPlant):
     def _decode_command(self, data: bytes) -> JointCommand:
         return self._codec.decode(data)
 
+    @property
+    def evaluates(self) -> bool:
+        return not self._codec.evaluated
+
     def executed(self, command: JointCommand) -> JointCommand:
         return self._codec.executed(command)
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from controllers.joints.joint_servo import drive_torque
 from models.robot_model import RobotModel
 from models.types import JointCommand
 from tests.servos import DT, Vector, armed, hold, torque_of
@@ -50,6 +51,25 @@ def test_torque_that_speeds_up_fades_out_beyond_the_velocity_limit(g1: RobotMode
             tau = torque_of(servo, t, q, v, DT)
             t += DT
         np.testing.assert_allclose(sign * tau, np.clip(expected, -g1.tau_max, share * g1.tau_max), atol=1e-9)
+
+
+def test_a_limited_joint_may_keep_a_share_of_its_gains(g1: RobotModel) -> None:
+    """A robot that gets no further command is damped, and has less torque the nearer it is to the setpoint."""
+    servo, t = armed(g1, keep_gains=True)
+    q, zero, ahead = g1.posture("stand"), np.zeros(g1.nj), 2.0 * g1.tau_max / g1.kp
+    inside = q + ahead < g1.q_upper  # others are at the limit of their setpoint
+    for k in range(200):
+        servo.command(hold(g1, q=q + ahead), t + k * DT)
+        command = servo.step(t + k * DT, q, zero, DT)
+    np.testing.assert_allclose(drive_torque(g1, command, q, zero), servo.torque, atol=1e-9)
+    np.testing.assert_allclose(servo.torque[inside], g1.tau_max[inside])
+    later = drive_torque(g1, command, q + 0.5 * ahead, np.ones(g1.nj))
+    assert inside.any()
+    np.testing.assert_allclose(later[inside], 0.5 * (g1.tau_max - g1.kd)[inside])
+    servo.damp()
+    measured = np.full(g1.nj, np.nan)
+    servo.step(t + 1.0, measured, measured, 1.0)
+    assert not servo.torque.any()
 
 
 anything = st.floats(allow_nan=True, allow_infinity=True, width=64)

@@ -44,6 +44,7 @@ def test_in_the_air_the_stiff_hold_uses_half_of_the_torque_and_gives_way_to_what
         assert command is not None
         torque = drive_torque(bench.model, command, away, np.zeros(bench.model.nj))
         assert torque[3] == pytest.approx(0.5 * bench.model.tau_max[3])
+        assert command.kd is not None and command.kd.min() > 0.0  # also of the one at the bound
         bench.startup.update(StartInputs(sensors, vendor=""))
         assert (bench.startup.state is StartState.DAMPED) == damped
 
