@@ -214,8 +214,10 @@ def up(
             )
             plant_options = hardware.pop("plant_options")
             check_plant(plant, robot, plant_options)
-        if speed != 1.0:
-            raise typer.BadParameter("--speed goes with a simulated robot; poise rehearse has an own one")
+        if speed != 1.0 or lockstep or camera:
+            raise typer.BadParameter(
+                "--speed, --lockstep and --camera go with a simulated robot; poise rehearse has an own --speed"
+            )
     elif network_interface or at_end or robot_domain is not None or robot_rate is not None:
         with report_errors():
             find_plant(plant)  # it may be misspelt

@@ -236,6 +236,19 @@ def test_options_that_a_plant_does_not_have_are_refused(given: list[str], monkey
     assert result.exit_code == 2 and given[-2] in " ".join(words) and "--plant" in words, result.output
 
 
+@pytest.mark.parametrize("given", [["--speed", "0.5"], ["--lockstep"], ["--camera"]])
+def test_what_only_a_simulated_robot_has_is_refused_for_a_real_one(
+    given: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    graph, hardware = pytest.importorskip("bridge.launch.graph"), pytest.importorskip("bridge.launch.hardware")
+    monkeypatch.setattr(graph, "up", lambda *_, **__: 0)
+    monkeypatch.setattr(hardware, "check_plant", lambda *_: None)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    result = RUNNER.invoke(app, ["up", "--plant", "unitree", "--network-interface", "lo", *given])
+    words = " ".join("".join(result.output.split("│")).split())
+    assert result.exit_code == 2 and given[0] in words and "simulated robot" in words, result.output
+
+
 def test_a_terrain_map_without_sensors_is_refused_before_anything_starts() -> None:
     pytest.importorskip("rclpy")
     result = RUNNER.invoke(app, ["up", "--robot", "talos_hardware", "--terrain-map"])
