@@ -25,7 +25,7 @@ from models.nodes.messages import WrenchCodec, set_stamp
 from models.nodes.odometry import OdometryCodec, contacts_to_bytes
 from models.nodes.parameters import declare_period
 from models.nodes.qos import EVENT, LATCHED, STATE
-from models.robot_model import RobotModel
+from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import RobotState, SensorData, Vector
 
 FRICTION_CHANGE = 0.005  #: Least change of the coefficient that is published [-]
@@ -65,6 +65,8 @@ class EstimateTopics:
         self._covariance_due, self._push_due = Due(rates.covariance), Due(rates.push, 0.6)
         self._odom = node.announce(Odometry, topics.ODOM, STATE)
         self._contacts = node.announce(UInt8MultiArray, topics.CONTACTS, STATE)
+        feet = zip(topics.CONTACT_WRENCHES, SOLE_FRAMES, strict=True) if rates.odom == 0 else ()
+        self._reactions = [(node.announce(WrenchStamped, topic, STATE), WrenchCodec(frame)) for topic, frame in feet]
         self._friction, self._friction_sent = node.announce(Float64, topics.GROUND_FRICTION, LATCHED), math.inf
         self._imu = node.announce(Imu, topics.IMU_DATA, STATE)
         self._wrench = node.announce(WrenchStamped, topics.EXTERNAL_WRENCH, STATE)
@@ -90,7 +92,9 @@ class EstimateTopics:
             self._transforms.publish(state, stamp)
 
     def publish_odometry(self, state: RobotState, stamp: int) -> None:
-        """Publish contacts, friction and odometry; the controller in another process waits for the latter."""
+        """Publish contacts, friction and odometry; the controller in another process waits for the last."""
+        for (topic, codec), contact in zip(self._reactions, state.contacts, strict=False):
+            topic.publish(codec.encode(stamp, contact.wrench))
         self._contacts.publish(contacts_to_bytes(state.contacts))
         if abs(state.friction - self._friction_sent) >= FRICTION_CHANGE:
             self._friction_sent = state.friction

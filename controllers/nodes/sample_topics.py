@@ -87,20 +87,21 @@ class SampleTopics:
 
 
 class StateTopics:
-    """Joins ``/odom`` with the joint states it was computed from, the wrenches of that tick, contacts and friction.
+    """Joins ``/odom`` with the joint states it was computed from, and the estimator's contacts, wrenches and friction.
 
-    Samples arrive before the odometry of the same stamp, because the estimator waits for them. ``take`` is called with
-    every state and its stamp [ns]; ``qos`` is that of the subscribers.
+    Samples arrive before the odometry of the same stamp, because the estimator waits for them. The wrenches are those
+    that it judged, not those of the sensors, which may be faulty or absent. ``take`` is called with every state and its
+    stamp [ns]; ``qos`` is that of the subscribers.
     """
 
     def __init__(self, node: PoiseNode, take: Callable[[RobotState, int], None], qos: Any) -> None:
         self._take = take
         self._joint_codec, self._odom_codec = JointStateCodec(node.model), OdometryCodec()
-        self._samples: dict[int, tuple[Vector, ...]] = {}  # joints and wrenches of the newest ticks, by stamp [ns]
+        self._samples: dict[int, list[Vector]] = {}  # joints of the newest ticks, by stamp [ns]
         self._contacts, self._friction = (True, True), math.inf
         self._wrenches = [np.zeros(6), np.zeros(6)]
         listen = partial(node.listen, qos=qos, while_active=True)
-        for foot, topic in enumerate(topics.FOOT_WRENCHES):
+        for foot, topic in enumerate(topics.CONTACT_WRENCHES):
             listen(WrenchStamped, topic, partial(self._on_foot, foot, WrenchCodec(SOLE_FRAMES[foot])), raw=True)
         listen(UInt8MultiArray, topics.CONTACTS, self._on_contacts)
         node.listen(Float64, topics.GROUND_FRICTION, self._on_friction, LATCHED)
@@ -120,7 +121,7 @@ class StateTopics:
 
     def _on_joints(self, data: bytes) -> None:
         stamp, *joints = self._joint_codec.decode(data)
-        self._samples[stamp] = (*joints, *self._wrenches)
+        self._samples[stamp] = joints
         if len(self._samples) > KEPT:
             del self._samples[next(iter(self._samples))]
 
@@ -128,8 +129,8 @@ class StateTopics:
         stamp, pose, twist = self._odom_codec.decode(data)
         if stamp not in self._samples:
             return
-        q, v, tau, *wrenches = self._samples[stamp]
-        left, right = (ContactState(*foot) for foot in zip(self._contacts, wrenches, strict=True))
+        q, v, tau = self._samples[stamp]
+        left, right = (ContactState(*foot) for foot in zip(self._contacts, self._wrenches, strict=True))
         state = RobotState(
             stamp / NANOSECONDS,
             np.concatenate([pose, q]),

@@ -18,6 +18,7 @@ FOOT_CONTACTS = tuple(f"foot/{name}/contact" for name in FOOT_NAMES)
 FOOT_COPS = tuple(f"foot/{name}/cop" for name in FOOT_NAMES)
 ODOM = "odom"
 CONTACTS = "contacts"
+CONTACT_WRENCHES = tuple(f"contacts/{name}/wrench" for name in FOOT_NAMES)  #: As judged by the estimator
 GROUND_FRICTION = "ground/friction"  #: Coulomb coefficient under the soles, estimated
 EXTERNAL_WRENCH = "external_wrench"
 MOTOR_COMMANDS, MOTOR_STATE = "motor_commands", "motor_controller/state"

@@ -14,11 +14,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
+from controllers.nodes.sample_topics import StateTopics
 from controllers.nodes.state_estimator import StateEstimatorNode
 from controllers.nodes.supervisor import SupervisorNode
 from models.constants import GRAVITY
 from models.errors import MessageError
 from models.nodes import topics
+from models.nodes.base import PoiseNode
 from models.nodes.imu import OrientedImuCodec
 from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec, set_stamp
 from models.nodes.qos import EVENT, LATCHED, SENSOR
@@ -75,6 +77,17 @@ class Estimated:
             deliver(node, topics.JOINT_STATES, joints)
 
 
+class Controller(PoiseNode):
+    """The states that a controller in another process receives."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("controller", **kwargs)
+        self.states: list[RobotState] = []
+
+    def configure(self) -> None:
+        StateTopics(self, lambda state, stamp: self.states.append(state), SENSOR)
+
+
 def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> None:
     received: dict[str, list[bytes]] = {}
     for kind, topic, qos in (
@@ -119,6 +132,20 @@ def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> N
     assert {
         each.child_frame_id for each in deserialize_message(received[topics.TF_STATIC][0], TFMessage).transforms
     } >= set(SOLE_FRAMES)
+
+
+def test_a_controller_in_another_process_gets_the_wrenches_that_the_estimator_judged(bench: Any) -> None:
+    name = "g1_hardware"  # without foot sensors
+    robot = Estimated(bench, RobotModel.load(name), robot=name, lockstep=True)
+    controller = bench.add(Controller, robot=name)
+    joints = JointStateCodec(robot.model).encode(MS, robot.configuration[7:], *np.zeros((2, robot.model.nj)))
+    bench.wait(lambda: robot.node._estimates._odom.get_subscription_count() == 1)
+    deliver(controller, topics.JOINT_STATES, joints)
+    robot.tick(feet=False)
+    bench.wait(lambda: controller.states)
+    for judged, received in zip(robot.states[0][0].contacts, controller.states[0].contacts, strict=True):
+        assert judged.wrench.any()
+        np.testing.assert_array_equal(received.wrench, judged.wrench)
 
 
 def test_every_topic_has_its_rate(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
