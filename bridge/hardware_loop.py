@@ -14,9 +14,6 @@ from bridge.driver.startup import Startup
 from bridge.loop.lockstep import PlantMonitor
 from bridge.loop.log import LoopLog
 from bridge.plants.base import HardwarePlant
-from bridge.plants.booster.guard import BoosterGuard
-from bridge.plants.booster.plant import BoosterPlant
-from bridge.plants.booster.simulated import BoosterRobot, DirectBoosterLink
 from bridge.plants.config import LoopConfig
 from bridge.plants.gantry import STEP, HangingRobot, StepLink
 from bridge.plants.guard import SilenceGuard
@@ -292,28 +289,6 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
         super().step()
         if asked:
             self.side.press()
-
-
-class BoosterLoop(PlantLoop[BoosterRobot, DirectBoosterLink, BoosterPlant, BoosterGuard]):
-    """A robot behind Booster's protocol.
-
-    Args:
-        marker: File that marks an unfinished run.
-        laws: Profile of the laws and drivers, by name or path.
-        robot: Profile of the simulated robot.
-        seed: Of the sensor noise.
-        delay: From a state to its command in force [ms].
-        settings: Options of the plant, as in ``bridge/config/booster.yaml``.
-    """
-
-    def __init__(
-        self, marker: Path, *, laws: str | Path, robot: str | Path, seed: int = 0, delay: int = 2, **settings: Any
-    ) -> None:
-        side = BoosterRobot(str(robot), settings=settings, seed=seed)
-        link, model = DirectBoosterLink(side, delay), RobotModel.load(laws)
-        make_plant = partial(BoosterPlant, model, marker=str(marker), link=link, **settings)
-        super().__init__(marker, model, side, link, make_plant, partial(BoosterGuard, model, settings))
-        link.receivers.append(self._hear)
 
 
 class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlPlant, ControlGuard]):

@@ -21,8 +21,8 @@ import numpy as np
 from benchmarks.graph.unitree_side import Program, TimedSide
 from bridge.launch.robot_network import interface_address
 from bridge.plants.booster.codec import low_cmd, low_state, pack, unpack
-from bridge.plants.booster.simulated import BoosterRobot
 from bridge.plants.config import read_options
+from tests.booster.simulated import BoosterRobot
 
 
 class RosSide(TimedSide):

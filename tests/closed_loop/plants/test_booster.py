@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.driver.start_commands import StartState
-from bridge.hardware_loop import BoosterLoop, Process
+from bridge.hardware_loop import Process
 from bridge.launch.ending import EndConfig
 from bridge.plants.booster.codec import (
     CUSTOM,
@@ -26,6 +26,7 @@ from models.config import default_config
 from models.errors import CommandError, ConfigError, PoiseError
 from models.robot_model import RobotModel
 from models.types import JointCommand, Mode
+from tests.booster.loop import BoosterLoop
 from tests.booster.robot import write_profiles
 from tests.gantry import started
 
