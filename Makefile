@@ -67,7 +67,7 @@ docs:  ## The documentation as a site in out/site, with the reference of the Pyt
 
 reference:  ## docs/reference.md from what the nodes declare
 	@.ci/setup dev
-	@$(BIN)/python -m bridge.commands.reference
+	@$(BIN)/python -m tests.reference
 
 clean:  ## Remove what runs leave behind
 	rm -rf $(OUT) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from bridge.commands.reference import main
 from models.nodes.interfaces import missing_types
+from tests.reference import main
 
 pytestmark = pytest.mark.ros
 

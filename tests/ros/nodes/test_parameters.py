@@ -11,12 +11,12 @@ import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.parameter import Parameter
 
-from bridge.commands.reference import NODES, make_node, parameters
 from bridge.ros.processes import node_parameters, process_specs
 from controllers.balance.tuning import TUNABLE
 from controllers.stack import ControlStack
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import refuse_undeclared
+from tests.reference import NODES, make_node, parameters
 
 pytestmark = pytest.mark.ros
 

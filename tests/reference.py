@@ -1,6 +1,6 @@
 """Writes ``docs/reference.md``: every topic, service and parameter, as the nodes declare them.
 
-Run as ``python -m bridge.commands.reference [FILE]``, or ``make reference``.
+Run as ``python -m tests.reference [FILE]``, or ``make reference``.
 """
 
 import os
