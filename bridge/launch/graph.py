@@ -325,7 +325,6 @@ def up(
     actions: bool = False,
     camera: bool = False,
     terrain_map: bool = False,
-    quiet: bool = False,
     robot_network: RobotNetwork | None = None,
     ending: EndConfig | None = None,
     **options: Any,
@@ -347,7 +346,7 @@ def up(
         return Graph(robot, specs=specs, say=say, **options)
 
     end = None if ending is None or ending.at_end == "damp" else partial(lower, config=ending)
-    return run_until_signal(make, robot, duration=duration, quiet=quiet, end=end)
+    return run_until_signal(make, robot, duration=duration, end=end)
 
 
 def actions_possible(requested: bool, say: Callable[[str], object]) -> bool:

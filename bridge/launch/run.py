@@ -76,7 +76,6 @@ def run_until_signal(
     name: str,
     *,
     duration: float | None,
-    quiet: bool,
     end: Callable[[Any], None] | None = None,
 ) -> int:
     """Run a graph until SIGINT or SIGTERM, or for a ``duration`` [s].
@@ -86,7 +85,7 @@ def run_until_signal(
     would go on without its launcher. Returns the exit code: 0 after a
     signal or the end of ``duration``, 1 when the graph cannot be kept up.
     """
-    console = Console(stderr=True, quiet=quiet)
+    console = Console(stderr=True)
     begin = time.monotonic()
 
     def say(text: str) -> None:
@@ -106,8 +105,7 @@ def run_until_signal(
         raise _Interrupted
 
     def on_suspend(number: int, frame: Any) -> None:
-        if not quiet:
-            os.write(2, b"not suspended, as the robot would go on; Ctrl-C ends it\n")  # say() may be interrupted itself
+        os.write(2, b"not suspended, as the robot would go on; Ctrl-C ends it\n")  # say() may be interrupted itself
 
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     previous[signal.SIGTSTP] = signal.signal(signal.SIGTSTP, on_suspend)

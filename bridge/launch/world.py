@@ -197,7 +197,6 @@ def up_world(
     *,
     duration: float | None = None,
     actions: bool = False,
-    quiet: bool = False,
     **options: Any,
 ) -> int:
     """Run the graphs of several robots until SIGINT or SIGTERM, or for a time; options are those of ``WorldGraph``."""
@@ -205,7 +204,7 @@ def up_world(
     def make(say: Callable[[str], object]) -> WorldGraph:
         return WorldGraph(robots, actions=actions_possible(actions, say), say=say, **options)
 
-    return run_until_signal(make, ", ".join(robots), duration=duration, quiet=quiet)
+    return run_until_signal(make, ", ".join(robots), duration=duration)
 
 
 def _merged(common: Parameters, own: Parameters) -> dict[str, dict[str, object]]:

@@ -82,7 +82,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         self._link: LowLink
         self._session = session()  # of this driver, in its commands
         self._clock = clock
-        self.monitor = HardwareMonitor(model, hardware, period)
+        self.monitor = HardwareMonitor(model, hardware)
         self._sample: SampleT | None = None
         self._restarts_seen = 0
         self._pressed = frozenset[str]()  # buttons in any message of this read

@@ -34,14 +34,14 @@ class LowSample(Protocol):
 class HardwareMonitor:
     """Compares every state of the robot with the thresholds of its profile.
 
-    A quantity must be beyond a threshold for ``persistence`` before it counts; the worst joint may change. ``period``
-    is the time between two states [s]. ``warnings``, ``holds`` and ``damps`` are the present reasons by level.
+    A quantity must be beyond a threshold for ``persistence`` before it counts; the worst joint may change.
+    ``warnings``, ``holds`` and ``damps`` are the present reasons by level.
     """
 
-    def __init__(self, model: RobotModel, hardware: Hardware, period: float) -> None:
-        self._names, self._hardware, self._period = model.joint_names, hardware, period
+    def __init__(self, model: RobotModel, hardware: Hardware) -> None:
+        self._names, self._hardware = model.joint_names, hardware
         self._since: dict[tuple[str, int], float] = {}
-        self._loss, self._window = 0.0, real_robot().count_window
+        self._loss, self._window = 0.0, real_robot().count_window  # share of states lost in this time [-], [s]
         self._foreign = ForeignCommands("lowcmd", hardware.foreign_commands)
         self._torque_limit, self._saturated = hardware.saturation * model.tau_max, np.zeros(model.nj)
         self.warnings: tuple[str, ...] = ()
@@ -49,11 +49,6 @@ class HardwareMonitor:
         self.damps: tuple[str, ...] = ()
         self.foreign = False  #: Whether commands of other programs are on the network
         self._sample: LowSample | None = None
-
-    @property
-    def loss(self) -> float:
-        """Share of states lost in the last ``count_window`` [-]."""
-        return self._loss
 
     def step(self, sample: LowSample, lost: int, dt: float, foreign: int = 0, *, own: bool = False) -> None:
         """Compare a state, ``dt`` [s] after the last.
@@ -76,7 +71,9 @@ class HardwareMonitor:
                 present[key] = self._since.get(key, t)
         self._since = present
         lasting = [
-            each for each in found if each.at_once or t - present[each.quantity, each.level] >= self._persistence
+            each
+            for each in found
+            if each.at_once or t - present[each.quantity, each.level] >= self._hardware.persistence
         ]
         self.warnings, self.holds, self.damps = (
             tuple(each.reason for each in lasting if each.level == level) for level in Level
@@ -95,10 +92,6 @@ class HardwareMonitor:
             "states lost [%]": f"{100.0 * self._loss:.1f}",
             "torque saturated [%]": f"{100.0 * worst:.0f} ({self._names[int(self._saturated.argmax())]})",
         }
-
-    @property
-    def _persistence(self) -> float:
-        return self._hardware.persistence
 
     def _find(self, sample: LowSample) -> list[Finding | None]:
         given = self._hardware

@@ -165,20 +165,13 @@ class Client:
         """Serve callbacks for a time [s]."""
         self.wait(lambda: False, duration)
 
-    def wait(
-        self, condition: Callable[[], bool], timeout: float, meanwhile: Callable[[], object] | None = None
-    ) -> bool:
-        """Serve callbacks until a condition, checked after each, is met; returns whether it was within ``timeout`` [s].
-
-        ``meanwhile`` is called about every ``SPIN`` seconds.
-        """
+    def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Serve callbacks until a condition, checked after each, is met; whether it was within ``timeout`` [s]."""
         end = time.monotonic() + timeout
         while not condition():
             if (left := end - time.monotonic()) <= 0.0:
                 return False
             self._executor.spin_once(timeout_sec=min(SPIN, left))
-            if meanwhile is not None:
-                meanwhile()
         return True
 
     def _expect_subscriber(self, timeout: float = 5.0) -> None:

@@ -74,7 +74,6 @@ class RobotClient:
         self._status: SupervisorStatus | None = None
         self._joints, self._odom = b"", b""
         self._codec, self._odometry = JointStateCodec(node.model), OdometryCodec()
-        self._model = node.model
         self._before: Vector | None = None
         self._quiet = self._looks = 0
         self._waiting: list[Future] = []

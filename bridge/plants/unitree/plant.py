@@ -34,7 +34,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
     """
 
     guard_process = "bridge.plants.unitree.guard:connect"
-    _robot: RobotLink
+    _link: RobotLink
     state_name = "lowstate"
     own_controller = "Unitree's controller"
     service_name = "the motion switcher of the robot"
@@ -60,7 +60,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         self.tried = not remote  #: Whether a stop button has been pressed
         self._released = not remote  # whether it has been let go since
         self._unchanged = np.inf  # time since the last change of the remote controller [s]
-        self._link = self._robot = DdsLink(domain) if link is None else link
+        self._link = DdsLink(domain) if link is None else link
 
     def _decode(self, message: bytes) -> UnitreeSample:
         sample = self._codec.decode(message)
@@ -105,7 +105,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
             found.append(
                 f"mode_machine {sample.mode_machine} is another robot than the profile's {given.mode_machine}{remedy}"
             )
-        if (version := self._robot.version()) not in ("", given.switcher_version):
+        if (version := self._link.version()) not in ("", given.switcher_version):
             found.append(
                 f"motion switcher {version} is another than {given.switcher_version}: see what releases "
                 f"its controller, then set hardware.switcher_version of the profile"
@@ -133,4 +133,4 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
     @property
     def report(self) -> Mapping[str, str]:
         """Values of the monitors and counts of states."""
-        return {**super().report, "motion switcher": self._robot.version() or "version unknown"}
+        return {**super().report, "motion switcher": self._link.version() or "version unknown"}

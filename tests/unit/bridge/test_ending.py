@@ -143,7 +143,7 @@ def interrupted(number: int, at_end: bool = True, again: bool = False) -> list[s
         graph.done.append("end")
 
     robot.spin = spin  # type: ignore[method-assign]
-    code = run_until_signal(lambda say: robot, "g1", duration=None, quiet=True, end=end if at_end else None)  # type: ignore[arg-type, return-value]
+    code = run_until_signal(lambda say: robot, "g1", duration=None, end=end if at_end else None)  # type: ignore[arg-type, return-value]
     assert code == 0 and signal.getsignal(signal.SIGTSTP) is signal.SIG_DFL
     return robot.done
 
@@ -169,7 +169,7 @@ def report():
 
 fcntl.ioctl(2, termios.TIOCSCTTY, 0)
 report()
-run_until_signal(make, "g1", duration=None, quiet=True)
+run_until_signal(make, "g1", duration=None)
 report()
 """
 

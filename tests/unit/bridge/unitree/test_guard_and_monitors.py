@@ -116,7 +116,7 @@ def test_a_guard_that_does_not_receive_the_drivers_commands_is_a_hold() -> None:
 
 def monitor_of(model: RobotModel) -> HardwareMonitor:
     assert model.profile.hardware is not None
-    return HardwareMonitor(model, model.profile.hardware, 0.002)
+    return HardwareMonitor(model, model.profile.hardware)
 
 
 def watch(
@@ -174,7 +174,7 @@ def test_monitors_name_joint_value_and_threshold(
 def test_lost_states(hardware: RobotModel, lost: int, level: str) -> None:
     monitor = monitor_of(hardware)
     watch(monitor, hardware, 10.0, lost)
-    assert monitor.loss == pytest.approx(lost / (lost + 1), abs=0.01)
+    assert float(monitor.values["states lost [%]"]) == pytest.approx(100.0 * lost / (lost + 1), abs=1.0)
 
 
 def test_saturated_torques(hardware: RobotModel) -> None:
