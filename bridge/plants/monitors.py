@@ -1,7 +1,7 @@
 """Monitors of a real robot: values beyond the thresholds of its profile lead to a warning, a hold, or damping."""
 
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,24 +11,14 @@ from models.robot_model import RobotModel
 from models.types import SensorData, Vector
 
 
-class LowSample(Protocol):
-    """What the monitors compare of one state of a robot."""
+@dataclass(frozen=True, slots=True)
+class LowSample:
+    """One state of a robot: what every protocol has, and the monitors compare."""
 
-    @property
-    def sensors(self) -> SensorData:
-        """Joints and IMU at the time of the state."""
-
-    @property
-    def temperature(self) -> Vector:
-        """Temperatures of each motor (nj, places) [degC]."""
-
-    @property
-    def voltage(self) -> Vector:
-        """Supply of each drive (nj,), 0 where not measured [V]."""
-
-    @property
-    def motor_state(self) -> Vector:
-        """Error word of each drive (nj,), 0 without error."""
+    sensors: SensorData  #: Joints and IMU
+    temperature: Vector  #: Temperatures of each motor (nj, places) [degC]
+    voltage: Vector  #: Supply of each drive (nj,), 0 where not measured [V]
+    motor_state: Vector  #: Error word of each drive (nj,), 0 without error
 
 
 class HardwareMonitor:

@@ -7,13 +7,15 @@ by a few steps of ``WEIGHT_STEP``, whose number is a byte that marks who sent th
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
-from pydantic.dataclasses import dataclass
+from pydantic.dataclasses import dataclass as config_dataclass
 
 from bridge.plants.hardware import RobotClock
+from bridge.plants.monitors import LowSample
 from models.config import STRICT, Positive, default_config, overlaid
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
@@ -45,7 +47,7 @@ WEIGHT_STEP = 2.0**-24  #: Distance of two weights below 1 [-]
 _MARKS = 6  #: Bytes of a mark: who, session (4), whether it is the last command
 
 
-@dataclass(frozen=True, slots=True, config=STRICT)
+@config_dataclass(frozen=True, slots=True, config=STRICT)
 class BoosterConfig:
     """Schema of ``bridge/config/booster.yaml``, which has units and meanings."""
 
@@ -78,14 +80,11 @@ class Stamped(NamedTuple):
     number: int = 0  # of the message of its publisher
 
 
-class BoosterSample(NamedTuple):
-    """Contents of one LowState."""
+@dataclass(frozen=True, slots=True)
+class BoosterSample(LowSample):
+    """Contents of one LowState; voltages are not measured."""
 
-    sensors: SensorData
-    rpy: Vector  # orientation of the IMU that the robot estimates: roll, pitch, yaw (3,) [rad]
-    temperature: Vector  # of each motor (nj, 1) [degC]
-    voltage: Vector  # not measured: 0 (nj,) [V]
-    motor_state: Vector  # error flags of each motor (nj,)
+    rpy: Vector  #: Orientation of the IMU that the robot estimates: roll, pitch, yaw (3,) [rad]
 
 
 def low_state(motors: int) -> np.dtype[Any]:

@@ -1,10 +1,12 @@
 """LowState to sensor data, joint commands to LowCmd, and the buttons of the remote controller."""
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from bridge.plants.hardware import RobotClock
+from bridge.plants.monitors import LowSample
 from bridge.plants.unitree.wire import MOTORS, new_low_cmd, read_low_state, write_low_cmd
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
@@ -32,17 +34,14 @@ _XYZW = [1, 2, 3, 0]  #: Order of a quaternion wxyz as xyzw
 _BUTTONS_AT = 2  #: Byte of the first eight buttons in ``wireless_remote``
 
 
-class UnitreeSample(NamedTuple):
-    """Contents of one LowState."""
+@dataclass(frozen=True, slots=True)
+class UnitreeSample(LowSample):
+    """Contents of one LowState; temperatures are those of housing and winding."""
 
-    tick: int  # of the robot [ms]
-    mode_machine: int  # type of the robot
-    sensors: SensorData
-    quaternion: Vector  # orientation of the IMU that the robot estimates, xyzw (4,)
-    temperature: Vector  # housing and winding of each motor (nj, 2) [degC]
-    voltage: Vector  # supply of each drive (nj,) [V]
-    motor_state: Vector  # error word of each drive, 0 without error (nj,)
-    remote: bytes  # remote controller
+    tick: int  #: Of the robot [ms]
+    mode_machine: int  #: Type of the robot
+    quaternion: Vector  #: Orientation of the IMU that the robot estimates, xyzw (4,)
+    remote: bytes  #: Of the remote controller
 
     @property
     def pressed(self) -> frozenset[str]:
