@@ -10,7 +10,7 @@ import numpy as np
 from bridge.hardware_loop import HardwareLoop, PlantLoop, Process, Ros2ControlLoop
 from bridge.plants.ros2_control.commands import command_codec
 from bridge.plants.ros2_control.config import COMMAND, IMU, JOINTS, Source
-from bridge.plants.unitree.wire import new_low_cmd, read_low_state, write_low_cmd, write_low_state
+from bridge.plants.unitree.wire import LOW_CMD, LOW_STATE
 from models.types import JointCommand
 
 AnyLoop: TypeAlias = PlantLoop[Any, Any, Any, Any]
@@ -73,9 +73,9 @@ def _measured(name: str, motor: int, value_of: Callable[[float], float]) -> Act:
 
     def make(loop: AnyLoop, value: float) -> Callable[[bytes], bytes]:
         def passed(data: bytes) -> bytes:
-            record = read_low_state(data)
+            record = LOW_STATE.read(data)
             record["motor_state"][motor][name] = value_of(value)
-            return write_low_state(record)
+            return LOW_STATE.write(record)
 
         return passed
 
@@ -92,20 +92,20 @@ def _clock(loop: HardwareLoop, value: float) -> Iterator[None]:
 @contextmanager
 def _once(loop: HardwareLoop, value: float) -> Iterator[None]:
     """One LowCmd of another program: no torque."""
-    record = new_low_cmd()
+    record = LOW_CMD.new()
     record["mode_machine"] = loop.side.mode_machine
-    loop.link.publish(write_low_cmd(record))
+    loop.link.publish(LOW_CMD.write(record))
     yield
 
 
 @contextmanager
 def _commander(loop: HardwareLoop, rate: float) -> Iterator[None]:
     """Another program commands the robot to its zero posture, with moderate gains, at a rate [Hz]."""
-    record = new_low_cmd()
+    record = LOW_CMD.new()
     record["mode_machine"] = loop.side.mode_machine
     motors = record["motor_cmd"][: loop.robot.nj]
     motors["mode"], motors["kp"], motors["kd"] = 1, 0.5 * loop.robot.kp, loop.robot.kd
-    with _published(loop, write_low_cmd(record), rate):
+    with _published(loop, LOW_CMD.write(record), rate):
         yield
 
 

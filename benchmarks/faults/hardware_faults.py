@@ -21,7 +21,7 @@ from bridge.driver.start_commands import StartState
 from bridge.hardware_loop import HardwareLoop, Ros2ControlLoop
 from bridge.plants.ros2_control.commands import DRIVER, GUARD
 from bridge.plants.unitree.codec import GUARD_MARK, MARK
-from bridge.plants.unitree.wire import read_low_cmd
+from bridge.plants.unitree.wire import LOW_CMD
 from controllers.joints.joint_servo import drive_torque
 from models.config import STRICT, NonNegative, Positive
 from models.errors import PoiseError
@@ -98,7 +98,7 @@ class CommandSteps:
     def _is_own(self, data: bytes) -> bool:
         """Whether a command is of the driver or the guard."""
         if self._mark is None:
-            return int(read_low_cmd(data)["reserve"][0]) in (MARK, GUARD_MARK)
+            return int(LOW_CMD.read(data)["reserve"][0]) in (MARK, GUARD_MARK)
         mark: str = self._mark(data)
         return mark == GUARD or (mark.startswith(DRIVER) and mark != f"{DRIVER}_0")
 

@@ -24,7 +24,7 @@ from bridge.plants.deviation import Deviation
 from bridge.plants.gantry import STEP
 from bridge.plants.unitree.codec import ENABLED
 from bridge.plants.unitree.simulated import GantryRobot
-from bridge.plants.unitree.wire import new_low_cmd, read_low_cmd, write_low_cmd
+from bridge.plants.unitree.wire import LOW_CMD
 from models.config import parse_config
 from models.nodes.realtime import use_fifo
 from models.types import JointCommand
@@ -130,11 +130,11 @@ class RosSide(TimedSide):
         data = self._robot.state()
         if self.other:
             self._other = self._other or self._node.create_publisher(self._kind, "lowcmd", 1)
-            record = new_low_cmd()
+            record = LOW_CMD.new()
             record["mode_machine"] = self._robot.mode_machine
             motors = record["motor_cmd"][: self._robot.model.nj]
             motors["mode"], motors["kd"] = ENABLED, self._robot.model.kd
-            self._other.publish(write_low_cmd(record))
+            self._other.publish(LOW_CMD.write(record))
         if self.connected:
             self.sent[self._robot.tick] = time.monotonic()
             self._states.publish(data)
@@ -146,7 +146,7 @@ class RosSide(TimedSide):
         from bridge.plants.participant import take, take_all
 
         for data in take_all(self._commands):
-            self.receive(data, self.sent.get(int(read_low_cmd(data)["reserve"][1])))
+            self.receive(data, self.sent.get(int(LOW_CMD.read(data)["reserve"][1])))
         while (request := take(self._requests)) is not None:
             response = self._response()
             response.header.identity = request.header.identity

@@ -16,7 +16,7 @@ from bridge.nodes import damping_guard
 from bridge.plants.hardware import RobotClock, session
 from bridge.plants.unitree.codec import UnitreeCodec
 from bridge.plants.unitree.guard import DampingGuard
-from bridge.plants.unitree.wire import read_low_cmd
+from bridge.plants.unitree.wire import LOW_CMD
 from models.robot_model import RobotModel
 from models.types import JointCommand
 
@@ -32,7 +32,7 @@ class Link:
     def send(self, data):
         sent.append(data)
         if len(sent) == 200:
-            first, last = (read_low_cmd(each)["motor_cmd"]["kp"].max() for each in (sent[0], data))
+            first, last = (LOW_CMD.read(each)["motor_cmd"]["kp"].max() for each in (sent[0], data))
             os.write(2, f"{first > 0.0} {last}".encode())
             os._exit(0)
     def beat(self, armed): pass

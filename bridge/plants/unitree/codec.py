@@ -7,7 +7,7 @@ import numpy as np
 
 from bridge.plants.hardware import RobotClock
 from bridge.plants.monitors import LowSample
-from bridge.plants.unitree.wire import MOTORS, new_low_cmd, read_low_state, write_low_cmd
+from bridge.plants.unitree.wire import LOW_CMD, LOW_STATE, MOTORS
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData, Vector
@@ -65,7 +65,7 @@ class UnitreeCodec:
             )
         self._nj, self._clock = model.nj, clock
         self._wrenches = np.full((2, 6), np.nan)
-        self._record = new_low_cmd()
+        self._record = LOW_CMD.new()
         self._record["mode_pr"] = PITCH_ROLL
         self._record["reserve"][0], self._record["reserve"][2] = MARK, session
         self._motors = self._record["motor_cmd"][: self._nj]
@@ -74,7 +74,7 @@ class UnitreeCodec:
 
     def decode(self, data: bytes) -> UnitreeSample:
         """Contents of a serialised LowState; ``MessageError`` for a wrong size, checksum, or values not finite."""
-        record = read_low_state(data)
+        record = LOW_STATE.read(data)
         motors = record["motor_state"][: self._nj]
         measured = [motors[name] for name in ("q", "dq", "tau_est")]
         imu = [record[name] for name in ("quaternion", "gyroscope", "accelerometer")]
@@ -109,7 +109,7 @@ class UnitreeCodec:
         set_command(self._motors, command, self._kp, self._kd)
         self._record["mode_machine"], self._record["reserve"][1] = mode_machine, tick
         self._record["reserve"][3] = last
-        return write_low_cmd(self._record)
+        return LOW_CMD.write(self._record)
 
 
 def set_command(motors: Any, command: JointCommand, kp: Vector, kd: Vector) -> None:

@@ -8,7 +8,7 @@ from bridge.plants.hardware import session
 from bridge.plants.participant import CommandLink
 from bridge.plants.unitree.codec import GUARD_MARK, MARK, is_foreign, joint_command, set_command
 from bridge.plants.unitree.link import COMMAND
-from bridge.plants.unitree.wire import read_low_cmd, write_low_cmd
+from bridge.plants.unitree.wire import LOW_CMD
 from models.errors import MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand
@@ -28,7 +28,7 @@ class DampingGuard(SilenceGuard):
     def receive(self, data: bytes, now: float) -> None:
         """A LowCmd from the network at a time [s]."""
         try:
-            record = read_low_cmd(data)
+            record = LOW_CMD.read(data)
         except MessageError:
             self.refused += 1
             return
@@ -47,7 +47,7 @@ class DampingGuard(SilenceGuard):
         model, record = self._model, self._record
         record["reserve"][0] = GUARD_MARK
         set_command(record["motor_cmd"][: model.nj], command, model.kp, model.kd)
-        return write_low_cmd(record)
+        return LOW_CMD.write(record)
 
 
 def connect(model: RobotModel, domain: int, options: Mapping[str, Any]) -> tuple[DampingGuard, CommandLink]:

@@ -8,7 +8,7 @@ from bridge.plants.hardware import RobotClock, real_robot
 from bridge.plants.low_level import LowLevelPlant
 from bridge.plants.unitree.codec import BUTTONS, UnitreeCodec, UnitreeSample, is_foreign, joint_command
 from bridge.plants.unitree.link import DdsLink, RobotLink
-from bridge.plants.unitree.wire import read_low_cmd
+from bridge.plants.unitree.wire import LOW_CMD
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import JointCommand
@@ -95,7 +95,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         return self._codec.encode(command, mode_machine, tick, last)
 
     def _decode_command(self, data: bytes) -> JointCommand:
-        return joint_command(read_low_cmd(data), self._model.nj)
+        return joint_command(LOW_CMD.read(data), self._model.nj)
 
     def _identity(self, sample: UnitreeSample) -> list[str]:
         found, given = [], self._hardware

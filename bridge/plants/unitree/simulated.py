@@ -10,7 +10,7 @@ import numpy as np
 
 from bridge.plants.gantry import HangingRobot, StepLink
 from bridge.plants.unitree.codec import joint_command
-from bridge.plants.unitree.wire import LOW_STATE, read_low_cmd, write_low_state
+from bridge.plants.unitree.wire import LOW_CMD, LOW_STATE
 from models.errors import MessageError
 from models.types import JointCommand
 
@@ -35,7 +35,7 @@ class GantryRobot(HangingRobot):
         self.remote = bytearray(40)
         zero = np.zeros(self.model.nj)
         self._damping = JointCommand(zero, zero, zero, zero, 2.0 * self.model.kd)
-        self._record = np.zeros(1, LOW_STATE)[0]
+        self._record = LOW_STATE.new()
 
     def press(self, *buttons: int) -> None:
         """Press the buttons of the remote controller with these bits, and no other."""
@@ -45,7 +45,7 @@ class GantryRobot(HangingRobot):
     def receive(self, data: bytes) -> None:
         """A LowCmd from the network; ignored with a wrong checksum or type."""
         try:
-            record = read_low_cmd(data)
+            record = LOW_CMD.read(data)
         except MessageError:
             self.refused += 1
             return
@@ -72,7 +72,7 @@ class GantryRobot(HangingRobot):
         record["gyroscope"], record["accelerometer"] = sensors.gyro, sensors.accel
         record["tick"], record["mode_machine"] = (self.tick + self.clock_offset) % (1 << 32), self.mode_machine
         record["wireless_remote"] = np.frombuffer(bytes(self.remote), np.uint8)
-        return write_low_state(record)
+        return LOW_STATE.write(record)
 
 
 class DirectLink(StepLink):

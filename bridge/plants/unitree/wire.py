@@ -30,13 +30,13 @@ _MOTOR_CMD = np.dtype([
     ("reserve", "<u4"),
 ])  # fmt: skip
 #: LowCmd as the C structure
-LOW_CMD = np.dtype([
+_LOW_CMD = np.dtype([
     ("mode_pr", "u1"), ("mode_machine", "u1"), ("pad", "u1", 2), ("motor_cmd", _MOTOR_CMD, MOTORS),
     ("reserve", "<u4", 4), ("crc", "<u4"),
 ])  # fmt: skip
 _MOTOR_STATE_C = np.dtype([("mode", "u1"), ("pad", "u1", 3), *_MOTOR_STATE])
 #: LowState as the C structure
-LOW_STATE = np.dtype([
+_LOW_STATE = np.dtype([
     ("version", "<u4", 2), ("mode_pr", "u1"), ("mode_machine", "u1"), ("pad", "u1", 2), ("tick", "<u4"),
     ("quaternion", "<f4", 4), ("gyroscope", "<f4", 3), ("accelerometer", "<f4", 3), ("rpy", "<f4", 3),
     ("imu_temperature", "<i2"), ("imu_pad", "u1", 2),
@@ -53,73 +53,52 @@ def checksum(structure: bytes | NDArray[np.uint8]) -> int:
     return int(f"{~zlib.crc32(words.tobytes()) & 0xFFFFFFFF:032b}"[::-1], 2)
 
 
-class _Layout:
-    """Where the first motor of a message lies in both layouts, and the padding of the C structure.
+class Layout:
+    """One of the messages, as a record of the C structure (``dtype``) and serialised, ``size`` bytes.
 
-    ``wire`` is the offset of its ``mode`` in XCDR1, where one byte of padding follows; in the C structure it lies 2
-    bytes later, with 3 bytes of padding. All after it is the same in both.
+    On the wire the ``mode`` of the first motor is followed by one byte of padding; in the C structure it lies 2 bytes
+    later, with 3 bytes of padding. All after it is the same in both. ``pads`` are the other bytes of padding in the C
+    structure.
     """
 
-    def __init__(self, structure: np.dtype[Any], motors: str, pads: list[int]) -> None:
-        fields: Any = structure.fields
-        motor, self.inside = fields[motors][0].base, int(fields[motors][1])
-        self.wire = self.inside - 2
-        each = self.inside + motor.itemsize * np.arange(MOTORS)[:, None]  # (MOTORS, 1)
-        self.pads = np.concatenate([pads, (each + 1 + np.arange(3)).ravel()])
-        self.size, self.total = structure.itemsize, structure.itemsize - 4 + len(ENCAPSULATION)
+    def __init__(self, name: str, dtype: np.dtype[Any], motors: str, pads: list[int]) -> None:
+        fields: Any = dtype.fields
+        motor, self._inside = fields[motors][0].base, int(fields[motors][1])  # offsets of the first ``mode``
+        self._wire = self._inside - 2
+        each = self._inside + motor.itemsize * np.arange(MOTORS)[:, None]  # (MOTORS, 1)
+        self._pads = np.concatenate([pads, (each + 1 + np.arange(3)).ravel()])
+        self._name, self.dtype, self.size = name, dtype, dtype.itemsize - 4 + len(ENCAPSULATION)
 
-    def unpack(self, name: str, data: bytes) -> NDArray[np.uint8]:
-        """The C structure of a serialised message, padding zero; ``MessageError`` for a wrong size or checksum."""
-        if len(data) != self.total or data[:2] != ENCAPSULATION[:2]:
+    def new(self) -> Any:
+        """An empty record."""
+        return np.zeros(1, dtype=self.dtype)[0]
+
+    def read(self, data: bytes) -> Any:
+        """Record of a serialised message, padding zero; ``MessageError`` for a wrong size or checksum."""
+        if len(data) != self.size or data[:2] != ENCAPSULATION[:2]:
             raise MessageError(
-                f"{name}: {len(data)} bytes, {self.total} in little-endian XCDR1 expected: no robot of unitree_hg?"
+                f"{self._name}: {len(data)} bytes, {self.size} in little-endian XCDR1 expected: no robot of unitree_hg?"
             )
         body = np.frombuffer(data, dtype=np.uint8)[len(ENCAPSULATION) :]
-        structure = np.zeros(self.size, dtype=np.uint8)
-        structure[: self.wire] = body[: self.wire]
-        structure[self.inside] = body[self.wire]
-        structure[self.inside + 4 :] = body[self.wire + 2 :]
-        structure[self.pads] = 0  # arbitrary on the wire
+        structure = np.zeros(self.dtype.itemsize, dtype=np.uint8)
+        structure[: self._wire] = body[: self._wire]
+        structure[self._inside] = body[self._wire]
+        structure[self._inside + 4 :] = body[self._wire + 2 :]
+        structure[self._pads] = 0  # arbitrary on the wire
         given, found = int.from_bytes(structure[-4:].tobytes(), "little"), checksum(structure)
         if given != found:
-            raise MessageError(f"{name}: crc {given:#010x} instead of {found:#010x}")
-        return structure
+            raise MessageError(f"{self._name}: crc {given:#010x} instead of {found:#010x}")
+        return structure.view(self.dtype)[0]
 
-    def pack(self, record: Any) -> bytes:
+    def write(self, record: Any) -> bytes:
         """The serialised message of a record, with its checksum."""
         structure = np.frombuffer(bytearray(record.tobytes()), dtype=np.uint8)
-        structure[self.pads] = 0
+        structure[self._pads] = 0
         crc = checksum(structure).to_bytes(4, "little")
         raw = structure.tobytes()
-        mode = raw[self.inside : self.inside + 1]
-        return b"".join((ENCAPSULATION, raw[: self.wire], mode, b"\0", raw[self.inside + 4 : -4], crc))
+        mode = raw[self._inside : self._inside + 1]
+        return b"".join((ENCAPSULATION, raw[: self._wire], mode, b"\0", raw[self._inside + 4 : -4], crc))
 
 
-_STATE = _Layout(LOW_STATE, "motor_state", [10, 11, 70, 71])
-_COMMAND = _Layout(LOW_CMD, "motor_cmd", [2, 3])
-LOW_STATE_SIZE, LOW_CMD_SIZE = _STATE.total, _COMMAND.total  #: Serialised messages [bytes]
-
-
-def read_low_state(data: bytes) -> Any:
-    """Record of dtype ``LOW_STATE`` from a serialised message; ``MessageError`` for a wrong size or checksum."""
-    return _STATE.unpack("lowstate", data).view(LOW_STATE)[0]
-
-
-def write_low_state(record: Any) -> bytes:
-    """Serialise a record of dtype ``LOW_STATE``, with its checksum; for the robot's side of tests."""
-    return _STATE.pack(record)
-
-
-def new_low_cmd() -> Any:
-    """An empty record of dtype ``LOW_CMD``, for ``write_low_cmd``."""
-    return np.zeros(1, dtype=LOW_CMD)[0]
-
-
-def write_low_cmd(record: Any) -> bytes:
-    """Serialise a record of dtype ``LOW_CMD``, with its checksum."""
-    return _COMMAND.pack(record)
-
-
-def read_low_cmd(data: bytes) -> Any:
-    """Record of dtype ``LOW_CMD`` from a serialised message; ``MessageError`` for a wrong size or checksum."""
-    return _COMMAND.unpack("lowcmd", data).view(LOW_CMD)[0]
+LOW_STATE = Layout("lowstate", _LOW_STATE, "motor_state", [10, 11, 70, 71])
+LOW_CMD = Layout("lowcmd", _LOW_CMD, "motor_cmd", [2, 3])

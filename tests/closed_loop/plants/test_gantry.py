@@ -9,10 +9,10 @@ import pytest
 
 from bridge.driver.start_commands import StartState
 from bridge.hardware_loop import HardwareLoop
-from bridge.plants.unitree.wire import new_low_cmd, write_low_cmd
+from bridge.plants.unitree.wire import LOW_CMD
 from models.errors import CommandError
 
-OTHER = write_low_cmd(new_low_cmd())  #: LowCmd of another program, or of the robot's own controller
+OTHER = LOW_CMD.write(LOW_CMD.new())  #: LowCmd of another program, or of the robot's own controller
 
 
 @contextmanager

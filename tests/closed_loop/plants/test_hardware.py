@@ -23,7 +23,7 @@ from bridge.launch.ending import EndConfig
 from bridge.plants.deviation import Deviation
 from bridge.plants.hardware import real_robot
 from bridge.plants.unitree.codec import BUTTONS, joint_command
-from bridge.plants.unitree.wire import read_low_cmd
+from bridge.plants.unitree.wire import LOW_CMD
 from controllers.estimation.assembler import mean_sample
 from controllers.joints.joint_servo import damping_command, drive_torque
 from models.config import default_config
@@ -48,7 +48,7 @@ def standing(loop: HardwareLoop) -> HardwareLoop:
 
 def damping(data: bytes) -> bool:
     """Whether a LowCmd has damping alone; the last torque may still fade."""
-    motors = read_low_cmd(data)["motor_cmd"][:29]
+    motors = LOW_CMD.read(data)["motor_cmd"][:29]
     return not motors["kp"].any() and not motors["q"].any()
 
 
@@ -259,7 +259,7 @@ def torque(loop: HardwareLoop) -> Vector:
     """That of the newest command on the cable at the present state (nj,) [N.m]."""
     sensors = loop.side.read()
     return drive_torque(
-        loop.robot, joint_command(read_low_cmd(loop.link.sent[-1]), loop.robot.nj), sensors.q, sensors.v
+        loop.robot, joint_command(LOW_CMD.read(loop.link.sent[-1]), loop.robot.nj), sensors.q, sensors.v
     )
 
 
@@ -303,7 +303,7 @@ def test_a_guard_that_still_damps_after_a_crash_is_ended_for_the_robots_own_cont
     standing.link.sent.clear()
     standing.run(2.0)
     assert not standing.guard.armed and not standing.plant.guard.armed and not standing.plant.crashed
-    assert 0 < len(standing.link.sent) <= 10 and all(read_low_cmd(data)["reserve"][3] for data in standing.link.sent)
+    assert 0 < len(standing.link.sent) <= 10 and all(LOW_CMD.read(data)["reserve"][3] for data in standing.link.sent)
     assert standing.startup.state is StartState.GANTRY
 
 
@@ -350,11 +350,11 @@ def test_close_damps(standing: HardwareLoop) -> None:
     standing.link.sent.clear()
     standing.plant.close()
     assert all(map(damping, standing.link.sent[80:])) and len(standing.link.sent) == 105
-    assert [bool(read_low_cmd(data)["reserve"][3]) for data in standing.link.sent] == 100 * [False] + 5 * [True]
+    assert [bool(LOW_CMD.read(data)["reserve"][3]) for data in standing.link.sent] == 100 * [False] + 5 * [True]
     standing.running.discard(Process.DRIVER)
     standing.run(0.1)
     assert not standing.guard.armed and len(standing.link.sent) == 105  # the robot's own controller may take over
-    motors = read_low_cmd(standing.link.sent[-1])["motor_cmd"][:29]
+    motors = LOW_CMD.read(standing.link.sent[-1])["motor_cmd"][:29]
     assert motors["kd"].min() > 0.0 and not motors["tau"].any()
     assert "configure it again" in standing.plant.findings[0]
 
@@ -379,7 +379,7 @@ def test_close_after_a_hang_goes_on_with_the_damping_of_the_guard(
     loop.run(1.5)
     loop.link.sent.clear()
     loop.plant.close()
-    assert all(map(damping, loop.link.sent)) and not read_low_cmd(loop.link.sent[0])["motor_cmd"]["tau"].any()
+    assert all(map(damping, loop.link.sent)) and not LOW_CMD.read(loop.link.sent[0])["motor_cmd"]["tau"].any()
 
 
 def speeds(loop: HardwareLoop, time: float) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from bridge.plants.monitors import HardwareMonitor
 from bridge.plants.unitree.codec import UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.plant import UnitreePlant
-from bridge.plants.unitree.wire import LOW_STATE, new_low_cmd, read_low_cmd, write_low_cmd, write_low_state
+from bridge.plants.unitree.wire import LOW_CMD, LOW_STATE
 from controllers.joints.joint_servo import drive_torque
 from models.errors import ConfigError
 from models.profile import Thresholds
@@ -41,16 +41,16 @@ def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> N
     assert guard.foreign == 0
     assert first is not None and (guard.active, guard.interventions) == (True, 1)
     q, v = 0.3 * np.ones(g1.nj), 0.2 * np.ones(g1.nj)
-    last = drive_torque(g1, joint_command(read_low_cmd(data), g1.nj), q, v)
-    torques = [drive_torque(g1, joint_command(read_low_cmd(first), g1.nj), q, v)]
+    last = drive_torque(g1, joint_command(LOW_CMD.read(data), g1.nj), q, v)
+    torques = [drive_torque(g1, joint_command(LOW_CMD.read(first), g1.nj), q, v)]
     np.testing.assert_allclose(torques[0], last, rtol=1e-6)
     for step in range(1, 100):
         made = guard.step(begin + 0.002 * step)
         assert made is not None
         guard.receive(made, begin + 0.002 * step)  # it receives its own
-        torques.append(drive_torque(g1, joint_command(read_low_cmd(made), g1.nj), q, v))
+        torques.append(drive_torque(g1, joint_command(LOW_CMD.read(made), g1.nj), q, v))
     assert np.abs(np.diff(torques, axis=0)).max() < 0.02 * np.abs(torques[0] - torques[-1]).max()
-    record = read_low_cmd(made)
+    record = LOW_CMD.read(made)
     command = joint_command(record, g1.nj)
     assert record["mode_machine"] == 5
     assert command.kd is not None and np.allclose(command.kd, g1.kd)
@@ -65,8 +65,8 @@ def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
     data[50] ^= 1
     guard.receive(bytes(data), 0.0)
     assert guard.refused == 1 and guard.step(1.0) is None and not guard.armed
-    other = new_low_cmd()
-    guard.receive(write_low_cmd(other), 0.0)
+    other = LOW_CMD.new()
+    guard.receive(LOW_CMD.write(other), 0.0)
     driver = UnitreeCodec(g1, RobotClock(0.002, 1.0), session() ^ 1)  # of another graph
     guard.receive(driver.encode(JointCommand(*np.ones((5, g1.nj))), 5), 0.0)
     assert guard.foreign == 2 and guard.step(1.0) is None and not guard.armed
@@ -94,7 +94,7 @@ def test_commands_of_other_programs_are_recognised(g1: RobotModel) -> None:
     rows = JointCommand(*np.ones((5, g1.nj)))
     mine = session()
     own, other = (UnitreeCodec(g1, RobotClock(0.002, 1.0), each).encode(rows, 5) for each in (mine, mine ^ 1))
-    assert not is_foreign(own, mine) and is_foreign(other, mine) and is_foreign(write_low_cmd(new_low_cmd()), mine)
+    assert not is_foreign(own, mine) and is_foreign(other, mine) and is_foreign(LOW_CMD.write(LOW_CMD.new()), mine)
     guard = DampingGuard(g1)
     guard.receive(own, 0.0)
     made = guard.step(1.0)
@@ -127,7 +127,7 @@ def watch(
     Of the ``joints`` motors from that index on, each state has another one with these values.
     """
     codec = UnitreeCodec(model, RobotClock(0.002, 1.0))
-    record = np.zeros(1, LOW_STATE)[0]
+    record = LOW_STATE.new()
     motors = record["motor_state"]
     joint, joints = int(values.pop("joint", 3)), int(values.pop("joints", 1))
     for tick in range(round(time / 0.002)):
@@ -135,7 +135,7 @@ def watch(
         motors["temperature"], motors["vol"], motors["motorstate"] = 40, 50.0, 0
         for name, value in values.items():
             motors[name][slice(None) if joint < 0 else joint + tick % joints] = value
-        monitor.step(codec.decode(write_low_state(record)), lost, 0.002 * (lost + 1), foreign)
+        monitor.step(codec.decode(LOW_STATE.write(record)), lost, 0.002 * (lost + 1), foreign)
 
 
 HOT = "motor temperature of 'left_knee_joint': 110 degC above 105 degC"

@@ -7,16 +7,7 @@ import pytest
 
 from bridge.plants.hardware import RobotClock
 from bridge.plants.unitree.codec import BUTTONS, G1_JOINTS, UnitreeCodec, UnitreeSample, joint_command
-from bridge.plants.unitree.wire import (
-    LOW_CMD,
-    LOW_STATE,
-    MOTORS,
-    checksum,
-    read_low_cmd,
-    read_low_state,
-    write_low_cmd,
-    write_low_state,
-)
+from bridge.plants.unitree.wire import LOW_CMD, LOW_STATE, MOTORS, checksum
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand
@@ -36,7 +27,7 @@ def bitwise(structure: bytes) -> int:
 
 def random_state() -> np.void:
     """A LowState with distinct values in every member; the padding is left at zero."""
-    record = np.zeros(1, LOW_STATE)[0]
+    record = LOW_STATE.new()
     record["version"], record["mode_machine"], record["tick"] = (3, 4), 5, 123456
     for name in ("quaternion", "gyroscope", "accelerometer", "rpy"):
         record[name] = RNG.normal(size=record[name].shape)
@@ -60,7 +51,7 @@ def sample(model: RobotModel, **changes: object) -> UnitreeSample:
     record = random_state()
     for name, value in changes.items():
         record[name] = value
-    return codec(model).decode(write_low_state(record))
+    return codec(model).decode(LOW_STATE.write(record))
 
 
 def test_the_checksum_is_the_bitwise_one() -> None:
@@ -71,15 +62,15 @@ def test_the_checksum_is_the_bitwise_one() -> None:
 
 
 def test_sizes_are_those_of_the_protocol() -> None:
-    assert (LOW_STATE.itemsize, LOW_CMD.itemsize) == (2092, 1004)
-    assert len(write_low_state(random_state())) == 2092  # 4 bytes of header, 4 fewer of padding
-    assert len(write_low_cmd(np.zeros(1, LOW_CMD)[0])) == 1004
+    assert (LOW_STATE.dtype.itemsize, LOW_CMD.dtype.itemsize) == (2092, 1004)
+    assert len(LOW_STATE.write(random_state())) == 2092  # 4 bytes of header, 4 fewer of padding
+    assert len(LOW_CMD.write(LOW_CMD.new())) == 1004
 
 
 def test_state_survives_the_wire() -> None:
     record = random_state()
-    found = read_low_state(write_low_state(record))
-    for name in LOW_STATE.names or ():
+    found = LOW_STATE.read(LOW_STATE.write(record))
+    for name in LOW_STATE.dtype.names or ():
         if name == "crc":
             assert found["crc"] == bitwise(found.tobytes())
         elif "pad" not in name:
@@ -88,23 +79,23 @@ def test_state_survives_the_wire() -> None:
 
 def test_padding_on_the_wire_does_not_count() -> None:
     """CDR does not define its padding, and the checksum is over zeros."""
-    data = bytearray(write_low_state(random_state()))
-    clean = read_low_state(bytes(data))
+    data = bytearray(LOW_STATE.write(random_state()))
+    clean = LOW_STATE.read(bytes(data))
     for pad in (75, 131, 187):
         data[pad] ^= 0x5A
-    assert read_low_state(bytes(data)).tobytes() == clean.tobytes()
+    assert LOW_STATE.read(bytes(data)).tobytes() == clean.tobytes()
 
 
 @pytest.mark.parametrize("byte", [4, 16, 200, 1500, 2091])
 def test_a_changed_byte_is_refused(byte: int) -> None:
-    data = bytearray(write_low_state(random_state()))
+    data = bytearray(LOW_STATE.write(random_state()))
     data[byte] ^= 1
     with pytest.raises(MessageError, match="crc"):
-        read_low_state(bytes(data))
-    command = bytearray(write_low_cmd(np.zeros(1, LOW_CMD)[0]))
+        LOW_STATE.read(bytes(data))
+    command = bytearray(LOW_CMD.write(LOW_CMD.new()))
     command[min(byte, 1003)] ^= 1
     with pytest.raises(MessageError, match="crc"):
-        read_low_cmd(bytes(command))
+        LOW_CMD.read(bytes(command))
 
 
 @pytest.mark.parametrize("name", ["gyroscope", "accelerometer", "quaternion"])
@@ -115,22 +106,22 @@ def test_a_state_that_is_not_finite_is_refused(g1: RobotModel, name: str) -> Non
         record = random_state()
         record["motor_state"]["q"][motor] = np.inf
         if finite:
-            assert np.isfinite(codec(g1).decode(write_low_state(record)).sensors.q).all()
+            assert np.isfinite(codec(g1).decode(LOW_STATE.write(record)).sensors.q).all()
         else:
             with pytest.raises(MessageError, match="not finite"):
-                codec(g1).decode(write_low_state(record))
+                codec(g1).decode(LOW_STATE.write(record))
 
 
 def test_another_message_is_refused() -> None:
     with pytest.raises(MessageError, match="7 bytes"):
-        read_low_state(b"\x00\x01\x00\x00abc")
+        LOW_STATE.read(b"\x00\x01\x00\x00abc")
     with pytest.raises(MessageError, match="XCDR1"):
-        read_low_state(b"\x00\x00" + write_low_state(random_state())[2:])
+        LOW_STATE.read(b"\x00\x00" + LOW_STATE.write(random_state())[2:])
 
 
 def test_sensor_data_has_the_order_of_the_joints(g1: RobotModel) -> None:
     record = random_state()
-    found = codec(g1).decode(write_low_state(record))
+    found = codec(g1).decode(LOW_STATE.write(record))
     assert g1.joint_names == G1_JOINTS
     motors, sensors = record["motor_state"][:29], found.sensors
     for name, values in (("q", sensors.q), ("dq", sensors.v), ("tau_est", sensors.tau)):
@@ -144,13 +135,13 @@ def test_sensor_data_has_the_order_of_the_joints(g1: RobotModel) -> None:
 
 def test_commands_survive_the_wire(g1: RobotModel) -> None:
     rows = RNG.normal(size=(5, g1.nj)).astype(np.float32).astype(np.float64)
-    record = read_low_cmd(codec(g1).encode(JointCommand(*rows), 5))
+    record = LOW_CMD.read(codec(g1).encode(JointCommand(*rows), 5))
     found = joint_command(record, g1.nj)
     assert record["mode_machine"] == 5 and record["mode_pr"] == 0
     for value, given in zip((found.q, found.v, found.tau, found.kp, found.kd), rows, strict=True):
         assert np.array_equal(value, given)
     assert not record["motor_cmd"][g1.nj :]["mode"].any()  # motors that the robot lacks stay off
-    default = joint_command(read_low_cmd(codec(g1).encode(JointCommand(*rows[:3]), 5)), g1.nj)
+    default = joint_command(LOW_CMD.read(codec(g1).encode(JointCommand(*rows[:3]), 5)), g1.nj)
     assert default.kp is not None and np.allclose(default.kp, g1.kp, rtol=1e-6)
 
 
