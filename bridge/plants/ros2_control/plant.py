@@ -97,6 +97,10 @@ class Ros2ControlPlant(RealPlant):
         self._stop = self._reason_to_stop()
         return self._sensors
 
+    def mark(self, data: bytes) -> str:
+        """Mark of the sender of a serialised command."""
+        return self._codec.mark(data)
+
     @property
     def arrived(self) -> bool:
         """Whether a complete sample has come since the last ``read``."""
