@@ -79,6 +79,11 @@ class LoopLog:
         return values[:, 0] if values.shape[1] == 1 else values
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(self._columns)
+
+    @property
     def statuses(self) -> list[SolveStatus]:
         """Solver status of each row's command."""
         return [_STATUS[int(i)] for i in self.status]
