@@ -63,30 +63,37 @@ def take(subscription: Any) -> Any:
     return None if taken is None else taken[0]
 
 
-def take_beats(subscription: Any) -> list[bool]:
-    """Heartbeats of a guard since the last call."""
-    found: list[bool] = []
-    while len(found) < QUEUE and (beat := take(subscription)) is not None:
-        found.append(bool(beat.data))
-    return found
-
-
-def beat_writer(node: Node) -> Any:
-    """Publisher of the heartbeats of a guard, for the driver of the same graph."""
-    return node.create_publisher(Bool, _beat_topic(), SENSOR)
-
-
-def beat_reader(node: Node) -> Any:
-    """Subscription to the heartbeats of the guard of the same graph."""
-    return node.create_subscription(Bool, _beat_topic(), ignore, SENSOR)
-
-
-def _beat_topic() -> str:
-    return f"poise_guard_{session():08x}"  # the guard of another graph does not count
-
-
 def ignore(message: Any) -> None:
     """Callback of polled subscriptions; never called."""
+
+
+class Participant:
+    """A node of ``join`` that sends, as the ``guard``, or receives the heartbeats for the driver of the same graph."""
+
+    def __init__(self, domain: int, name: str, *, guard: bool = False) -> None:
+        self._context, self._node = join(domain, name)
+        topic = f"poise_guard_{session():08x}"  # the guard of another graph does not count
+        self._beats: Any
+        if guard:
+            self._beats = self._node.create_publisher(Bool, topic, SENSOR)
+        else:
+            self._beats = self._node.create_subscription(Bool, topic, ignore, SENSOR)
+
+    def beats(self) -> list[bool]:
+        """Heartbeats of the guard since the last call: whether it is armed."""
+        found: list[bool] = []
+        while len(found) < QUEUE and (beat := take(self._beats)) is not None:
+            found.append(bool(beat.data))
+        return found
+
+    def beat(self, armed: bool) -> None:
+        """Publish a heartbeat of the guard."""
+        self._beats.publish(Bool(data=armed))
+
+    def close(self) -> None:
+        """Leave the robot's domain."""
+        self._node.destroy_node()
+        try_shutdown(context=self._context)
 
 
 class Topics(NamedTuple):
@@ -101,7 +108,7 @@ class Topics(NamedTuple):
     responses: str
 
 
-class ServiceLink(LowLink):
+class ServiceLink(Participant, LowLink):
     """A robot over rclpy, in its domain, whose service over messages names its active controller.
 
     The service is asked every ``ask_period`` [s], and after a request that changes the controller as soon as it has
@@ -112,14 +119,13 @@ class ServiceLink(LowLink):
     def __init__(self, domain: int, name: str, topics: Topics, ask_period: float | None = None) -> None:
         state, command = (interface(topics.package, "msg", each) for each in ("LowState", "LowCmd"))
         self._request, response = (interface(topics.service, "msg", each) for each in topics.types)
-        self._context, self._node = join(domain, name)
+        super().__init__(domain, name)
         node, reliable = self._node, QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._states = node.create_subscription(state, topics.state, ignore, SENSOR, raw=True)
         self._echo = node.create_subscription(command, topics.command, ignore, SENSOR, raw=True)
         self._responses = node.create_subscription(response, topics.responses, ignore, SENSOR)
         self._commands = node.create_publisher(command, topics.command, reliable)
         self._requests = node.create_publisher(self._request, topics.requests, reliable)
-        self._beats = beat_reader(node)
         self._topics, self._config = topics, real_robot()
         self._ask_period = self._config.ask_period if ask_period is None else ask_period
         self._looked = self._asked = self._answered = self._changed = -inf
@@ -133,9 +139,6 @@ class ServiceLink(LowLink):
 
     def commands(self) -> list[bytes]:
         return take_all(self._echo)
-
-    def beats(self) -> list[bool]:
-        return take_beats(self._beats)
 
     def vendor(self) -> str | None:
         now = time.monotonic()
@@ -171,25 +174,18 @@ class ServiceLink(LowLink):
     def _name_in(self, response: Any) -> str | None:
         """Name of the active controller, empty for none, in the response to the last ``_ask``; None in another one."""
 
-    def close(self) -> None:
-        self._node.destroy_node()
-        try_shutdown(context=self._context)
 
-
-class CommandLink:
-    """Both ends of the topic of a robot's commands, and the heartbeat, for its guard.
+class CommandLink(Participant):
+    """Both ends of the topic of a robot's commands, for its guard; ``package`` has the type ``LowCmd``.
 
     ``MessageError`` when the type is not built.
-
-    ``package`` has the type ``LowCmd``.
     """
 
     def __init__(self, domain: int, package: str, topic: str) -> None:
         command = interface(package, "msg", "LowCmd")
-        self._context, self._node = join(domain, "poise_guard")
+        super().__init__(domain, "poise_guard", guard=True)
         self._reader = self._node.create_subscription(command, topic, ignore, SENSOR, raw=True)
         self._writer = self._node.create_publisher(command, topic, QoSProfile(depth=1))
-        self._beats = beat_writer(self._node)
 
     def take(self) -> list[bytes]:
         """Serialised commands since the last call, the oldest first, those of this link included."""
@@ -198,12 +194,3 @@ class CommandLink:
     def send(self, data: bytes) -> None:
         """Publish a serialised command."""
         self._writer.publish(data)
-
-    def beat(self, armed: bool) -> None:
-        """Publish a heartbeat."""
-        self._beats.publish(Bool(data=armed))
-
-    def close(self) -> None:
-        """Leave the robot's domain."""
-        self._node.destroy_node()
-        try_shutdown(context=self._context)

@@ -7,12 +7,10 @@ from typing import Any, Protocol
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Bool
 
 from bridge.plants.hardware import real_robot
-from bridge.plants.participant import SENSOR, beat_reader, beat_writer, ignore, join, take, take_all, take_beats
+from bridge.plants.participant import SENSOR, Participant, ignore, take, take_all
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, STATE, Ros2ControlConfig
 from models.nodes.interfaces import interface
 
@@ -47,7 +45,7 @@ class ControlLink(Protocol):
         """Leave the robot's domain."""
 
 
-class RosLink(ControlLink):
+class RosLink(Participant, ControlLink):
     """The robot over rclpy, in the robot's domain; its transports are those of this process.
 
     ``command`` is the type of the commands. Raises ``MessageError`` when a type that is needed is not built.
@@ -57,15 +55,15 @@ class RosLink(ControlLink):
         listing = interface("controller_manager_msgs", "srv", "ListControllers") if config.controller_manager else None
         state = interface("linear_feedback_controller_msgs", "msg", "Sensor") if config.command == "feedback" else None
         topics, types = config.topic_of, {**TYPES, COMMAND: command}
-        self._context, self._node = join(domain, "poise_ros2_control")
+        guard = COMMAND in sources
+        super().__init__(domain, "poise_ros2_control", guard=guard)
         node = self._node
         self._readers = [
             (source, node.create_subscription(types[source], topics[source], ignore, SENSOR, raw=True))
             for source in sources
         ]
-        self._echo: Any = None  # a guard reads them as a source
-        self._beats: Any = beat_writer(node) if COMMAND in sources else beat_reader(node)
-        if COMMAND not in sources:
+        self._echo: Any = None
+        if not guard:  # which reads the commands as a source
             self._echo = node.create_subscription(command, topics[COMMAND], ignore, SENSOR, raw=True)
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._writer = node.create_publisher(command, topics[COMMAND], reliable)
@@ -88,13 +86,6 @@ class RosLink(ControlLink):
 
     def commands(self) -> list[bytes]:
         return [] if self._echo is None else take_all(self._echo)
-
-    def beats(self) -> list[bool]:
-        return take_beats(self._beats)
-
-    def beat(self, armed: bool) -> None:
-        """Heartbeat of the guard."""
-        self._beats.publish(Bool(data=armed))
 
     def controllers(self) -> Mapping[str, str] | None:
         if self._client is None:
@@ -122,7 +113,3 @@ class RosLink(ControlLink):
         if self._state is not None and (message := take(self._state)) is not None:
             self._order = list(message.joint_state.name)
         return self._order
-
-    def close(self) -> None:
-        self._node.destroy_node()
-        try_shutdown(context=self._context)
