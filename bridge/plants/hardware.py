@@ -11,7 +11,7 @@ from functools import cache
 from io import FileIO
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -306,11 +306,17 @@ class RunMarker:
             self._locked = None
 
 
-class CommandSender(Protocol):
+class RobotConnection(Protocol):
     """A connection to a robot."""
+
+    def take(self) -> list[Any]:
+        """Messages of the robot since the last call, the oldest first."""
 
     def send(self, data: bytes) -> None:
         """Send a serialised command."""
+
+    def commands(self) -> list[bytes]:
+        """Serialised commands of all programs since the last call, those of this connection included."""
 
     def beats(self) -> list[bool]:
         """Heartbeats of the guard process since the last call: whether it is armed."""
@@ -340,7 +346,7 @@ class RealPlant(HardwarePlant):
         self._stop = ""
         self._jumped = False  # clock of the robot, in the newest ``read``
         self._closed = False
-        self._link: CommandSender
+        self._link: RobotConnection
 
     @property
     def period(self) -> float:

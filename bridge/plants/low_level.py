@@ -5,7 +5,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from bridge.plants.hardware import CommandSender, RealPlant, RobotClock, real_robot, session
+from bridge.plants.hardware import RealPlant, RobotClock, RobotConnection, real_robot, session
 from bridge.plants.monitors import HardwareMonitor, LowSample
 from controllers.joints.joint_servo import damping_command
 from models.errors import ConfigError, MessageError
@@ -15,14 +15,8 @@ from models.types import JointCommand, SensorData
 SampleT = TypeVar("SampleT", bound=LowSample)
 
 
-class LowLink(CommandSender, Protocol):
-    """Messages of one robot."""
-
-    def take(self) -> list[Any]:
-        """Messages of the robot since the last call, the oldest first."""
-
-    def commands(self) -> list[bytes]:
-        """Serialised commands of all programs since the last call, those of this link included."""
+class LowLink(RobotConnection, Protocol):
+    """A connection to a robot whose own controller can be released."""
 
     def vendor(self) -> str | None:
         """Name of the active controller of the robot, empty when none is active, None while unknown."""

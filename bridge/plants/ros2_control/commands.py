@@ -65,7 +65,8 @@ class CommandCodec(Protocol):
         """Command in a message of ``encode`` with any mark; ``MessageError`` for other sizes."""
 
     def mark(self, data: bytes) -> str:
-        """Mark of the sender of a serialised message; empty without one."""
+        """Mark of the sender of a serialised message, by default its frame id; empty without one."""
+        return _text(data, _FRAME_ID)
 
 
 class EffortCodec(CommandCodec):
@@ -144,9 +145,6 @@ class PvtCodec(CommandCodec):
         values = [value for group in decode(data, self.kind).interface_values for value in group.values]
         return JointCommand(*_numbers("interface_values", values, self._rows.size).reshape(self._rows.shape).T)
 
-    def mark(self, data: bytes) -> str:
-        return _text(data, _FRAME_ID)
-
 
 class FeedbackCodec(CommandCodec):
     """linear_feedback_controller_msgs/Control: K = [0 kp 0 kd] (nj, 2 nv), feed-forward, and the desired state.
@@ -195,9 +193,6 @@ class FeedbackCodec(CommandCodec):
             kp=gains[self._stiffness],
             kd=gains[self._damping],
         )
-
-    def mark(self, data: bytes) -> str:
-        return _text(data, _FRAME_ID)
 
 
 def command_codec(model: RobotModel, config: Ros2ControlConfig, mark: str) -> CommandCodec:

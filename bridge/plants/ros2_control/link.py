@@ -9,7 +9,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 
-from bridge.plants.hardware import real_robot
+from bridge.plants.hardware import RobotConnection, real_robot
 from bridge.plants.participant import SENSOR, Participant, ignore, take, take_all
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, STATE, Ros2ControlConfig
 from models.nodes.interfaces import interface
@@ -20,29 +20,14 @@ TYPES = {JOINTS: JointState, IMU: Imu, **dict.fromkeys(FEET, WrenchStamped)}
 Message = tuple[str, bytes]  #: Source and serialised message
 
 
-class ControlLink(Protocol):
-    """Messages of one robot."""
-
-    def take(self) -> list[Message]:
-        """Messages of the sources since the last call."""
-
-    def send(self, data: bytes) -> None:
-        """Publish a serialised command."""
-
-    def commands(self) -> list[bytes]:
-        """Serialised commands of all programs since the last call, those of this link included."""
+class ControlLink(RobotConnection, Protocol):
+    """A connection to a robot and its controller manager; what it takes are messages of the sources."""
 
     def controllers(self) -> Mapping[str, str] | None:
         """State of each loaded controller by name; None while the controller manager does not answer."""
 
-    def beats(self) -> list[bool]:
-        """Heartbeats of the guard process since the last call: whether it is armed."""
-
     def joint_order(self) -> Sequence[str] | None:
         """Joints of linear_feedback_controller in its order; None while unknown, and for other controllers."""
-
-    def close(self) -> None:
-        """Leave the robot's domain."""
 
 
 class RosLink(Participant, ControlLink):

@@ -5,7 +5,7 @@ alphabetical order. The command controller holds its last command, without a tim
 error of its update, after which the controller manager deactivates it; torques then are zero.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -201,12 +201,9 @@ class FeedbackController:
 
 def make_controller(config: Ros2ControlConfig, model: RobotModel) -> Any:
     """The command controller of a configuration."""
-    makers: Mapping[str, Callable[[], Any]] = {
-        "effort": partial(EffortController, model),
-        "pvt": partial(PvtController, model),
-        "feedback": partial(FeedbackController, model, config.free_flyer),
-    }
-    return makers[config.command]()
+    if config.command == "effort":
+        return EffortController(model)
+    return PvtController(model) if config.command == "pvt" else FeedbackController(model, config.free_flyer)
 
 
 class DirectControlLink(StepLink):
