@@ -112,7 +112,6 @@ class TrajectoryLimits:
     overshoot_tolerance: NonNegative  #: curve outside the joint limits by at most [rad]
     velocity_tolerance: NonNegative  #: share of the velocity limit allowed on top [1]
     effort_tolerance: NonNegative  #: share of the torque limit allowed on top [1]
-    rest_velocity: NonNegative  #: what still counts as rest [rad/s]
     checks_per_segment: Count  #: instants checked between two points [1]
 
 
@@ -120,48 +119,33 @@ def validate_trajectory(
     traj: JointTrajectory,
     model: RobotModel,
     *,
-    start_q: Vector | None = None,
+    start_q: Vector,
     start_v: Vector | None = None,
-    require_all: bool = False,
-    end_at_rest: bool = False,
     elapsed: float = 0.0,
-    limits: TrajectoryLimits | None = None,
 ) -> None:
     """Refuse a trajectory that the robot must not execute.
 
-    It starts at ``start_q`` (nj,) [rad], which is ``elapsed`` seconds old, with ``start_v`` [rad/s]; without
-    ``start_q`` the start jump is not checked. ``require_all`` requires every joint of the robot, ``end_at_rest`` no
-    velocity at the last point.
+    It starts at ``start_q`` (nj,) [rad], which is ``elapsed`` seconds old, with ``start_v`` [rad/s].
 
-    Raises ``JointNameError`` for a joint that is unknown, named twice or missing, and ``TrajectoryError`` for a wrong
-    shape, too few or too many points, NaN or infinity, times that are negative or do not increase, a point or the curve
-    between points outside position, velocity or torque limits, or a start jump; the message names field, point and
-    joint.
+    Raises ``JointNameError`` for a joint that is unknown or named twice, and ``TrajectoryError`` for a wrong shape, too
+    few or too many points, NaN or infinity, times that are negative or do not increase, a point or the curve between
+    points outside position, velocity or torque limits, or a start jump; the message names field, point and joint.
     """
-    limits = limits or default_config(TrajectoryLimits, "models", "trajectory")
-    _Check(traj, model, limits, require_all).all(start_q, start_v, elapsed, end_at_rest=end_at_rest)
+    check = _Check(traj, model)
+    check.shapes()
+    check.finite()
+    check.times()
+    check.points()
+    check.start(start_q, elapsed)
+    check.curve(start_q, start_v)
 
 
 class _Check:
     """Checks of one trajectory, which raise; ``columns`` is the joint of each of its columns (k,)."""
 
-    def __init__(self, traj: JointTrajectory, model: RobotModel, limits: TrajectoryLimits, require_all: bool) -> None:
-        self.traj, self.model, self.limits = traj, model, limits
-        self.columns = _check_names(traj, model, require_all)
-
-    def all(self, start_q: Vector | None, start_v: Vector | None, elapsed: float, *, end_at_rest: bool) -> None:
-        traj = self.traj
-        self.shapes()
-        self.finite()
-        self.times()
-        self.points()
-        if end_at_rest and traj.velocities is not None:
-            last = traj.velocities[-1]
-            moving = np.abs(traj.velocities[-1:]) > self.limits.rest_velocity
-            self.refuse(moving, lambda _, k: f"ends at {last[k]:g} rad/s, expected rest", len(traj.times) - 1)
-        if start_q is not None:
-            self.start(start_q, elapsed)
-        self.curve(start_q, start_v)
+    def __init__(self, traj: JointTrajectory, model: RobotModel) -> None:
+        self.traj, self.model, self.columns = traj, model, _check_names(traj, model)
+        self.limits = default_config(TrajectoryLimits, "models", "trajectory")
 
     def shapes(self) -> None:
         if self.traj.times.ndim != 1:
@@ -221,12 +205,9 @@ class _Check:
             ),
         )
 
-    def curve(self, start_q: Vector | None, start_v: Vector | None) -> None:
+    def curve(self, start_q: Vector, start_v: Vector | None) -> None:
         """Position and velocity limits of the sampled curve between the points."""
         traj, model, columns = self.traj, self.model, self.columns
-        if start_q is None:
-            start_q = np.zeros(model.nj)
-            start_q[columns] = traj.positions[0]
         times, q, v, _ = fill_points(traj, columns, model.nj, np.asarray(start_q, dtype=np.float64), start_v)
         if len(times) < 2:
             return
@@ -261,7 +242,7 @@ class _Check:
             raise TrajectoryError(f"joint '{self.traj.joint_names[k]}', {where}: {describe(i, k)}")
 
 
-def _check_names(traj: JointTrajectory, model: RobotModel, require_all: bool) -> NDArray[np.intp]:
+def _check_names(traj: JointTrajectory, model: RobotModel) -> NDArray[np.intp]:
     """Column of each named joint (k,); raises ``JointNameError`` or, when no joint is named, ``TrajectoryError``."""
     if not traj.joint_names:
         raise TrajectoryError("joint_names: empty")
@@ -271,10 +252,6 @@ def _check_names(traj: JointTrajectory, model: RobotModel, require_all: bool) ->
         if column in seen:
             raise JointNameError(f"joint_names: '{name}' is given twice")
         seen.add(column)
-    if require_all:
-        missing = [name for i, name in enumerate(model.joint_names) if i not in seen]
-        if missing:
-            raise JointNameError(f"joint_names: missing {', '.join(missing)}")
     return columns
 
 

@@ -104,7 +104,9 @@ def test_a_plan_is_one_that_the_controller_takes(bench: Any, g1: RobotModel) -> 
     answer = world.answer(world.ask(PLACE))
     assert answer.success and not world.published, answer.message
     trajectory = trajectory_from_message(answer.trajectory)
-    validate_trajectory(trajectory, g1, start_q=np.array(g1.posture("stand")), require_all=True, end_at_rest=True)
+    validate_trajectory(trajectory, g1, start_q=np.array(g1.posture("stand")))
+    assert trajectory.joint_names == g1.joint_names
+    assert trajectory.velocities is not None and not trajectory.velocities[-1].any()
     assert answer.trajectory.header.frame_id == "" and answer.trajectory.header.stamp.sec == 0
     world.odom.publish(OdometryCodec().encode(1, standing(g1)))
     bench.spin(0.2)

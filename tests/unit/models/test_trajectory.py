@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.config import default_config
 from models.errors import JointNameError, TrajectoryError
 from models.robot_model import RobotModel
-from models.trajectory import TrajectoryLimits, TrajectorySampler, thin, validate_trajectory
+from models.trajectory import TrajectorySampler, thin, validate_trajectory
 from models.types import JointTrajectory
 
 KNEE = "left_knee_joint"
@@ -28,12 +27,12 @@ def make(model: RobotModel, n: int = 4, step: float = 0.1) -> JointTrajectory:
     )
 
 
-def check(traj: JointTrajectory, model: RobotModel, **options: object) -> None:
-    validate_trajectory(traj, model, start_q=model.posture("stand"), **options)  # type: ignore[arg-type]
+def check(traj: JointTrajectory, model: RobotModel) -> None:
+    validate_trajectory(traj, model, start_q=model.posture("stand"))
 
 
 def test_valid_trajectory_passes(g1: RobotModel) -> None:
-    check(make(g1), g1, end_at_rest=True)
+    check(make(g1), g1)
 
 
 def test_unknown_joint(g1: RobotModel) -> None:
@@ -51,11 +50,6 @@ def test_no_joints(g1: RobotModel) -> None:
         check(replace(make(g1), joint_names=()), g1)
 
 
-def test_missing_joint_when_all_are_required(g1: RobotModel) -> None:
-    with pytest.raises(JointNameError, match=r"missing .*left_hip_pitch_joint"):
-        check(make(g1), g1, require_all=True)
-
-
 def test_empty(g1: RobotModel) -> None:
     nothing = JointTrajectory((KNEE,), np.zeros(0), np.zeros((0, 1)))
     with pytest.raises(TrajectoryError, match="no points"):
@@ -63,8 +57,8 @@ def test_empty(g1: RobotModel) -> None:
 
 
 def test_too_many_points(g1: RobotModel) -> None:
-    with pytest.raises(TrajectoryError, match="5 points, at most 4"):
-        check(make(g1, n=5), g1, limits=replace(default_config(TrajectoryLimits, "models", "trajectory"), points_max=4))
+    with pytest.raises(TrajectoryError, match="10001 points, at most 10000"):
+        check(make(g1, n=10001), g1)
 
 
 @pytest.mark.parametrize("field", ["positions", "velocities", "efforts"])
@@ -153,12 +147,10 @@ def test_later_first_point_may_be_further_away(g1: RobotModel) -> None:
     check(replace(traj, positions=traj.positions + np.array([0.0, -0.3]), times=traj.times + 0.5), g1)
 
 
-def test_moving_end_refused_where_rest_is_required(g1: RobotModel) -> None:
+def test_moving_end_passes(g1: RobotModel) -> None:
     traj = make(g1)
     traj.velocities[-1, 0] = 0.2  # type: ignore[index]
     check(traj, g1)
-    with pytest.raises(TrajectoryError, match=f"'{KNEE}', point 3: ends at 0.2 rad/s"):
-        check(traj, g1, end_at_rest=True)
 
 
 def test_curve_meets_points_and_holds_the_rest(g1: RobotModel) -> None:
