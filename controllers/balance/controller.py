@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from controllers.balance.gain_schedule import GainSchedule
 from controllers.balance.head import Head
 from controllers.balance.motion_player import MotionPlayer
-from controllers.balance.posture_reference import PostureReference
+from controllers.balance.posture_reference import posture_frames
 from controllers.balance.tick_kernels import (
     BalanceArrays,
     blend_postures,
@@ -30,6 +30,7 @@ from models.foot import corners_of
 from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.spline import min_jerk
+from models.tree import read_tree
 from models.types import (
     ContactState,
     ControlResult,
@@ -92,7 +93,7 @@ class BalanceController:
     ends, and arms and head continue.
 
     ``config`` and ``whole_body`` are the packaged gains when None; ``extra_tasks`` and ``extra_limits`` extend the QP;
-    ``head`` and ``gait`` are optional: without a gait the robot keeps its feet where they are, as a standing one does
+    ``head`` is optional. Without ``set_gait`` the robot keeps its feet where they are, as a standing one does
     with ``no_step``. ``reference`` is that of the last tick, ``capture_margin`` the distance of the DCM inside the
     support polygon's edge [m], ``gains`` are those in force, in the order of ``feedback_gains``, then
     ``reaction_reach_max`` (8,); ``walking`` is whether the gait may follow its commands: mode ``walk``.
@@ -112,7 +113,6 @@ class BalanceController:
         whole_body: WholeBodyConfig | None = None,
         extra_tasks: Sequence[Task] = (),
         head: Head | None = None,
-        gait: Gait | None = None,
         extra_limits: Sequence[RowLimit] = (),
     ) -> None:
         self.model, self.head = model, head
@@ -122,14 +122,13 @@ class BalanceController:
         self.whole_body = WholeBodyController(model, whole_body, extra_tasks, extra_limits)
         self.motions = MotionPlayer(model, config, head)
         self.no_step, self.walking = config.no_step, False
-        posture = PostureReference(model)
         terms = self.whole_body.terms
         self._arrays = arrays = BalanceArrays(
             terms.dynamics.poses,
             terms.com,
             terms.com_velocity,
-            posture.tree,
-            posture.frames,
+            read_tree(model.pin),
+            posture_frames(model),
             self.whole_body.builder.edges,
             np.array([foot.free[:2] for foot in model.feet]),
             np.array([corners_of(area) for area in self.whole_body.areas]),
@@ -152,8 +151,6 @@ class BalanceController:
         self.reference: Reference
         self.capture_margin = 0.0
         self._warm_up()
-        if gait is not None:
-            self.set_gait(gait)
 
     def set_gait(self, gait: Gait) -> None:
         """Take steps from now on, planned by a gait."""

@@ -6,41 +6,24 @@ from numpy.typing import NDArray
 from models.numerics.compiled import njit
 from models.numerics.so3 import exponential, multiply, rotate, rotation_error
 from models.robot_model import RobotModel
-from models.tree import KinematicTree, TreeFrames, place_bodies, place_frame, read_frames, read_tree
-from models.types import Vector
+from models.tree import KinematicTree, TreeFrames, place_bodies, place_frame, read_frames
 
 Array = NDArray[np.float64]
 
 
-class PostureReference:
-    """CoM and orientations that a posture has when its soles stand on the anchor.
-
-    The anchor is the frame half-way between the soles. With ``T_mid_B(q)`` the base in that frame by forward
-    kinematics, ``T_WB = T_W_anchor T_mid_B``.
-
-    ``com`` (3,) [m], ``base`` and ``torso`` (3, 3) are in the anchor frame; ``tree`` and ``frames`` (left sole, right
-    sole, torso) are for kernels. Raises ``RobotModelError`` that names a joint that is not revolute.
-    """
-
-    def __init__(self, model: RobotModel) -> None:
-        self.com, self.base, self.torso = np.zeros(3), np.eye(3), np.eye(3)
-        self.tree = read_tree(model.pin)
-        self.frames = read_frames(model.pin, (*(foot.frame_id for foot in model.feet), model.frame_id("torso")))
-
-    def update(self, joints: Vector) -> None:
-        """Evaluate a posture (nj,) [rad]."""
-        posture_reference(joints, self.tree, self.frames, self.com, self.base, self.torso)
+def posture_frames(model: RobotModel) -> TreeFrames:
+    """Left sole, right sole and torso, for ``posture_reference``."""
+    return read_frames(model.pin, (*(foot.frame_id for foot in model.feet), model.frame_id("torso")))
 
 
 @njit(cache=True)
 def posture_reference(
     joints: Array, tree: KinematicTree, frames: TreeFrames, com: Array, base: Array, torso: Array
 ) -> None:
-    """CoM and orientations of a posture (nj,) [rad], seen from the mid-frame of its soles.
+    """CoM and orientations of a posture (nj,) [rad] in the anchor frame, half-way between its soles.
 
     With ``T_mid`` half-way between the soles, ``R_mid = R_L exp(log(R_L' R_R) / 2)``, seen from the base: ``com =
-    R_mid' (c - p_mid)`` (3,) [m], ``base = R_mid'``, ``torso = R_mid' R_T`` (3, 3). ``frames`` are left sole, right
-    sole, torso.
+    R_mid' (c - p_mid)`` (3,) [m], ``base = R_mid'``, ``torso = R_mid' R_T`` (3, 3).
     """
     count = joints.shape[0] + 1
     rotations, origins = np.zeros((count, 3, 3)), np.zeros((count, 3))

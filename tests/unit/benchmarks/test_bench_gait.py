@@ -50,7 +50,8 @@ Walk = tuple[GaitPlanner, BalanceController]
 
 def walk(model: RobotModel) -> Walk:
     planner = GaitPlanner(model)
-    controller = BalanceController(model, gait=planner)
+    controller = BalanceController(model)
+    controller.set_gait(planner)
     controller.reset(state(model, planner, 0.0))
     controller.enter(Mode.WALK)
     planner.set_velocity(0.3, 0.0, 0.0)
