@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, cast
 
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.harness import Case, LoadMeter, Options, Report, run_cases
+from benchmarks.core.harness import Case, LoadMeter, Options, Report, chosen, run_cases
 from models.config import STRICT, Count, parse_config, read_yaml
 from models.errors import ConfigError, PoiseError
 
@@ -62,11 +62,6 @@ def at_most(limits: Mapping[str, float]) -> dict[str, Bound]:
 def at_least(limits: Mapping[str, float]) -> dict[str, Bound]:
     """Lower bounds by figure."""
     return {name: Bound(least=value) for name, value in limits.items()}
-
-
-def survivors(report: Report, names: Iterable[str], share: float) -> dict[str, Bound]:
-    """Bounds of ``survived_``: at least a share of ``total_`` of each name; none survives where none ran."""
-    return at_least({f"survived_{name}": share * report.figures.get(f"total_{name}", 0.0) for name in names})
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -179,6 +174,48 @@ class Benchmark(ABC):
             self.name, options.robot, options.seeds, figures, cases, False, load.read(), contender=options.contender
         )
         return replace(found, passed=self.passed(found), notes=self.notes(found))
+
+
+def by_scenario(cases: Sequence[Case]) -> dict[str, list[Case]]:
+    """Cases of each scenario, in the order of the first ones."""
+    found: dict[str, list[Case]] = {}
+    for case in cases:
+        found.setdefault(case["scenario"], []).append(case)
+    return found
+
+
+class SurvivalBenchmark(Benchmark):
+    """Walks of named scenarios, once a seed; enough must survive. A case has ``scenario`` and ``survived``."""
+
+    required_share: float  #: Of the walks of each usual scenario that must survive; none survives where none ran [-]
+    usual: Mapping[str, Any]  #: Scenarios by name
+    goals: Mapping[str, Any] = {}  #: Those that are measured only when chosen, without a bound
+    first_seed = 0  #: Without the option
+
+    def cases(self, options: Options) -> list[Case]:
+        names = chosen(self.name, options.scenarios, [*self.usual, *self.goals], list(self.usual))
+        seeds = options.each_seed(self.first_seed)
+        return [{"robot": options.robot, "seed": seed, "scenario": name} for name in names for seed in seeds]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Of each scenario ``survived_`` of ``total_`` walks, and what ``further`` has."""
+        figures = {}
+        for name, of in by_scenario(cases).items():
+            figures[f"survived_{name}"] = float(sum(case["survived"] for case in of))
+            figures[f"total_{name}"] = float(len(of))
+            figures |= self.further(name, of)
+        return figures
+
+    @abstractmethod
+    def further(self, name: str, cases: list[Case]) -> dict[str, float]:
+        """More figures of a scenario."""
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        totals = {name: report.figures.get(f"total_{name}", 0.0) for name in self.usual}
+        return at_least({f"survived_{name}": self.required_share * total for name, total in totals.items()})
+
+    def survived(self, case: Case) -> tuple[str, bool]:
+        return case["scenario"], bool(case["survived"])
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass as schema
 from scipy.optimize import nnls
 
-from benchmarks.core.benchmark import Benchmark, saved, settings
+from benchmarks.core.benchmark import Benchmark, by_scenario, saved, settings
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
 from benchmarks.core.loops import advance, demand, start_walk
 from benchmarks.core.timed_run import collector_off
@@ -280,9 +280,8 @@ def summarise(cases: list[Case], names: list[str]) -> dict[str, float]:
     for name in names:
         of = [case for case in cases if case["solver"] == name]
         figures |= percentiles(np.concatenate([case["times"] for case in of]), f"{name}_us")
-        for scenario in dict.fromkeys(case["scenario"] for case in of):
-            chosen = [case["times"] for case in of if case["scenario"] == scenario]
-            figures |= percentiles(np.concatenate(chosen), f"{name}_{scenario}_us")
+        for scenario, each in by_scenario(of).items():
+            figures |= percentiles(np.concatenate([case["times"] for case in each]), f"{name}_{scenario}_us")
         pooled = {part: np.concatenate([case[part] for case in of]) for part in ("primal", "dual", "gap")}
         solved = np.max([pooled[part] for part in pooled], axis=0) <= limit
         figures[f"{name}_solved"] = float(solved.mean())

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from benchmarks.core.benchmark import by_scenario, saved
 from benchmarks.core.harness import Case, Report
 from bridge.analysis.plots import COLOURS, new_figure
 from bridge.analysis.stability import balance
@@ -37,9 +37,11 @@ def last_moments(loop: ClosedLoop | HardwareLoop, duration: float) -> Case:
     return moments_since(loop, _end(loop.log) - duration)
 
 
-def plot_distances(report: Report) -> tuple[Figure, Axes]:
-    """Distance of every case by its scenario, the survivors apart; labels, lines and legend are left to the caller."""
-    names = list(dict.fromkeys(case["scenario"] for case in report.cases))
+def draw_distances(
+    report: Report, folder: Path, label: str, draw_limits: Callable[[Axes], None] = lambda axes: None
+) -> list[Path]:
+    """Draw the distance of every case by its scenario, survivors apart, and the first failures; returns the files."""
+    names = list(by_scenario(report.cases))
     first = min((case["seed"] for case in report.cases), default=0)
     figure = new_figure(3.5 + 0.9 * len(names), 3.6)
     axes = figure.add_subplot(1, 1, 1)
@@ -51,7 +53,12 @@ def plot_distances(report: Report) -> tuple[Figure, Axes]:
         axes.plot(places, [case["distance"] for case in shown], "o", markersize=4, color=colour, label=label)
     axes.set_xticks(range(len(names)), names, fontsize=8, rotation=20)
     axes.set_xlim(-0.5, len(names) - 0.5)
-    return figure, axes
+    draw_limits(axes)
+    axes.set_ylabel(label)
+    axes.set_ylim(bottom=0.0)
+    axes.set_title(f"{report.bench}, {report.who}, seeds: {report.seeds}", fontsize=10)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+    return [saved(figure, folder / f"{report.bench}-{report.stem}.png"), *draw_failures(report, folder)]
 
 
 def _end(log: LoopLog) -> float:

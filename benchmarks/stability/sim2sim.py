@@ -5,11 +5,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from matplotlib.axes import Axes
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, saved, settings, survivors
-from benchmarks.core.harness import Case, Options, Report, chosen
-from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
+from benchmarks.core.benchmark import SurvivalBenchmark, settings
+from benchmarks.core.harness import Case, Report
+from benchmarks.stability.falls import draw_distances, last_moments
 from bridge.hardware_loop import HardwareLoop
 from bridge.plants.deviation import Deviation
 from models.config import STRICT, Count, Positive, Share
@@ -153,40 +154,23 @@ def measure(robot: str, seed: int, scenario: str) -> Case:
     return outcome if not reason or not len(loop.log) else {**outcome, "moments": last_moments(loop, config.shown)}
 
 
-class Sim2sim(Benchmark):
+class Sim2sim(SurvivalBenchmark):
     """Each condition, or those chosen, once a seed."""
 
     measure = staticmethod(measure)
+    required_share, usual, first_seed = _config().required_share, _config().conditions, _config().first_seed
 
-    def cases(self, options: Options) -> list[Case]:
-        config = _config()
-        names = chosen("sim2sim", options.scenarios, list(config.conditions))
-        return [
-            {"robot": options.robot, "seed": seed, "scenario": name}
-            for name in names
-            for seed in options.each_seed(config.first_seed)
-        ]
-
-    def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Of each condition ``survived_`` of ``total_`` runs, and the mean ``distance_`` [m].
+    def further(self, name: str, cases: list[Case]) -> dict[str, float]:
+        """The mean ``distance_`` [m].
 
         Of the runs that survived the largest ``drift_`` of the standing robot [m] and the largest error of the
         ``odometry_`` over the distance [-].
         """
-        figures = {}
-        for name in dict.fromkeys(case["scenario"] for case in cases):
-            of = [case for case in cases if case["scenario"] == name]
-            alive = [case for case in of if case["survived"]]
-            figures[f"survived_{name}"] = float(len(alive))
-            figures[f"total_{name}"] = float(len(of))
-            figures[f"distance_{name}_m"] = float(np.mean([case["distance"] for case in of]))
-            for key, unit in (("drift", "_m"), ("odometry", "")):
-                figures[f"{key}_{name}{unit}"] = max((case[key] for case in alive), default=float("nan"))
+        figures = {f"distance_{name}_m": float(np.mean([case["distance"] for case in cases]))}
+        for key, unit in (("drift", "_m"), ("odometry", "")):
+            found = [case[key] for case in cases if case["survived"]]
+            figures[f"{key}_{name}{unit}"] = max(found, default=float("nan"))
         return figures
-
-    def bounds(self, report: Report) -> dict[str, Bound]:
-        config = _config()
-        return survivors(report, config.conditions, config.required_share)
 
     def notes(self, report: Report) -> list[str]:
         return [
@@ -198,14 +182,8 @@ class Sim2sim(Benchmark):
             ),
         ]
 
-    def survived(self, case: Case) -> tuple[str, bool]:
-        return case["scenario"], bool(case["survived"])
-
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        figure, axes = plot_distances(report)
-        axes.axhline(_config().distance, color="k", linewidth=0.8, linestyle="--", label="required")
-        axes.set_ylabel("distance walked [m]")
-        axes.set_ylim(bottom=0.0)
-        axes.set_title(f"sim2sim, {report.who}, seeds: {report.seeds}", fontsize=10)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
-        return [saved(figure, folder / f"sim2sim-{report.stem}.png"), *draw_failures(report, folder)]
+        def draw_limits(axes: Axes) -> None:
+            axes.axhline(_config().distance, color="k", linewidth=0.8, linestyle="--", label="required")
+
+        return draw_distances(report, folder, "distance walked [m]", draw_limits)

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import NonNegativeInt
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import ROOT, Benchmark, Bound, at_least, at_most, settings
+from benchmarks.core.benchmark import ROOT, Benchmark, Bound, at_least, at_most, by_scenario, settings
 from benchmarks.core.cable import isolation, plain_environment, run_program
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.machine import Unavailable
@@ -143,8 +143,7 @@ class Sim2simSdk(Benchmark):
         at the end of the walk over its distance [-], ``stop_`` and ``answer_`` [ms].
         """
         figures: dict[str, float] = {}
-        for name in dict.fromkeys(case["scenario"] for case in cases):
-            of = [case for case in cases if case["scenario"] == name]
+        for name, of in by_scenario(cases).items():
             figures[f"survived_{name}"] = float(sum(case["survived"] for case in of))
             figures[f"total_{name}"] = float(len(of))
             for key, unit, worst in (

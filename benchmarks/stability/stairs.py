@@ -11,10 +11,10 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, saved, settings, survivors
-from benchmarks.core.harness import Case, Options, Report, chosen
+from benchmarks.core.benchmark import SurvivalBenchmark, settings
+from benchmarks.core.harness import Case, Report
 from benchmarks.core.loops import demand
-from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
+from benchmarks.stability.falls import draw_distances, last_moments
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, NonNegative, Positive, Share
 from models.errors import UnreachableError
@@ -247,33 +247,17 @@ def walk_on_sight(loop: ClosedLoop, distance: float, sight: Sight | None = None)
     return route
 
 
-class StairsBench(Benchmark):
+class StairsBench(SurvivalBenchmark):
     """The rises that have a bound, or those chosen, once a seed."""
 
     measure = staticmethod(climb)
+    required_share, usual, goals = _config().required_share, _config().rises, _config().goals
 
-    def cases(self, options: Options) -> list[Case]:
-        config = _config()
-        names = chosen("stairs", options.scenarios, [*config.rises, *config.goals], list(config.rises))
-        return [
-            {"robot": options.robot, "seed": seed, "scenario": name} for name in names for seed in options.each_seed()
-        ]
-
-    def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Of each rise ``survived_`` of ``total_`` walks, the mean ``time_`` of these [s], and all trips."""
-        figures = {}
-        for name in dict.fromkeys(case["scenario"] for case in cases):
-            of = [case for case in cases if case["scenario"] == name]
-            times = [case["time"] for case in of if case["survived"]]
-            figures[f"survived_{name}"] = float(len(times))
-            figures[f"total_{name}"] = float(len(of))
-            figures[f"time_{name}_s"] = float(np.mean(times)) if times else float("nan")
-            figures[f"trips_{name}"] = float(sum(case["trips"] for case in of))
-        return figures
-
-    def bounds(self, report: Report) -> dict[str, Bound]:
-        config = _config()
-        return survivors(report, config.rises, config.required_share)
+    def further(self, name: str, cases: list[Case]) -> dict[str, float]:
+        """The mean ``time_`` of the walks that survived [s], and all trips."""
+        times = [case["time"] for case in cases if case["survived"]]
+        mean = float(np.mean(times)) if times else float("nan")
+        return {f"time_{name}_s": mean, f"trips_{name}": float(sum(case["trips"] for case in cases))}
 
     def notes(self, report: Report) -> list[str]:
         return super().notes(report) + [
@@ -282,13 +266,5 @@ class StairsBench(Benchmark):
             if not case["survived"]
         ]
 
-    def survived(self, case: Case) -> tuple[str, bool]:
-        return case["scenario"], bool(case["survived"])
-
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        figure, axes = plot_distances(report)
-        axes.set_ylabel("distance [m]")
-        axes.set_ylim(bottom=0.0)
-        axes.set_title(f"stairs, {report.who}, seeds: {report.seeds}", fontsize=10)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
-        return [saved(figure, folder / f"stairs-{report.stem}.png"), *draw_failures(report, folder)]
+        return draw_distances(report, folder, "distance [m]")

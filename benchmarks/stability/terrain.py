@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, saved, settings, survivors
+from benchmarks.core.benchmark import SurvivalBenchmark, by_scenario, settings
 from benchmarks.core.contender import ContenderLoop
-from benchmarks.core.harness import Case, Options, Report, chosen
-from benchmarks.stability.falls import draw_failures, last_moments, plot_distances
+from benchmarks.core.harness import Case, Options, Report
+from benchmarks.stability.falls import draw_distances, last_moments
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.deviation import Deviation
 from bridge.plants.sensors import SensorErrors
@@ -111,33 +112,18 @@ def walk_under(condition: Condition, robot: str, seed: int, contender: str = "")
     return {**outcome, "moments": last_moments(loop, config.shown)}
 
 
-class Terrain(Benchmark):
+class Terrain(SurvivalBenchmark):
     """The conditions that have a bound, or those chosen, once a seed."""
 
     measure = staticmethod(walk)
+    required_share, usual, goals = _config().required_share, _config().conditions, _config().goals
 
     def cases(self, options: Options) -> list[Case]:
-        config = _config()
-        names = chosen("terrain", options.scenarios, [*config.conditions, *config.goals], list(config.conditions))
-        return [
-            {"robot": options.robot, "seed": seed, "scenario": name, "contender": options.contender}
-            for name in names
-            for seed in options.each_seed()
-        ]
+        return [{**case, "contender": options.contender} for case in super().cases(options)]
 
-    def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Of each condition ``survived_`` of ``total_`` walks and the mean ``distance_`` [m]."""
-        figures = {}
-        for name in dict.fromkeys(case["scenario"] for case in cases):
-            of = [case for case in cases if case["scenario"] == name]
-            figures[f"survived_{name}"] = float(sum(case["survived"] for case in of))
-            figures[f"total_{name}"] = float(len(of))
-            figures[f"distance_{name}_m"] = float(np.mean([case["distance"] for case in of]))
-        return figures
-
-    def bounds(self, report: Report) -> dict[str, Bound]:
-        config = _config()
-        return survivors(report, config.conditions, config.required_share)
+    def further(self, name: str, cases: list[Case]) -> dict[str, float]:
+        """The mean ``distance_`` [m]."""
+        return {f"distance_{name}_m": float(np.mean([case["distance"] for case in cases]))}
 
     def notes(self, report: Report) -> list[str]:
         bounds = self.bounds(report)
@@ -154,21 +140,14 @@ class Terrain(Benchmark):
             if not case["survived"]
         ]
 
-    def survived(self, case: Case) -> tuple[str, bool]:
-        return case["scenario"], bool(case["survived"])
-
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        config = _config()
-        figure, axes = plot_distances(report)
-        known = {**config.conditions, **config.goals}
-        names = dict.fromkeys(case["scenario"] for case in report.cases)  # in the order of the axis
-        commanded = np.array([(known[name].speed or config.speed) * config.duration for name in names])
-        at = np.arange(len(commanded))
-        for label, share, style in (("commanded", 1.0, "-"), ("required", config.distance_share, "--")):
-            limits = share * commanded
-            axes.hlines(limits, at - 0.5, at + 0.5, color="k", linewidth=0.8, linestyle=style, label=label)
-        axes.set_ylabel(f"distance in {config.duration:.0f} s [m]")
-        axes.set_ylim(bottom=0.0)
-        axes.set_title(f"terrain, {report.who}, seeds: {report.seeds}", fontsize=10)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
-        return [saved(figure, folder / f"terrain-{report.stem}.png"), *draw_failures(report, folder)]
+        config, known = _config(), {**self.usual, **self.goals}
+        speeds = [known[name].speed or config.speed for name in by_scenario(report.cases)]
+
+        def draw_limits(axes: Axes) -> None:
+            at = np.arange(len(speeds))
+            for label, share, style in (("commanded", 1.0, "-"), ("required", config.distance_share, "--")):
+                limits = share * config.duration * np.array(speeds)
+                axes.hlines(limits, at - 0.5, at + 0.5, color="k", linewidth=0.8, linestyle=style, label=label)
+
+        return draw_distances(report, folder, f"distance in {config.duration:.0f} s [m]", draw_limits)

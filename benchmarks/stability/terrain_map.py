@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, saved, settings
+from benchmarks.core.benchmark import Benchmark, by_scenario, saved, settings
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.loops import start_walk
 from bridge.analysis.plots import new_figure
@@ -149,8 +149,7 @@ class TerrainMap(Benchmark):
     def figures(self, cases: list[Case]) -> dict[str, float]:
         """RMSE of each ground and the worst [mm], least share known, largest delay and costs [ms], walks that fell."""
         figures, worst = {}, []
-        for name in dict.fromkeys(case["scenario"] for case in cases):
-            of = [case for case in cases if case["scenario"] == name]
+        for name, of in by_scenario(cases).items():
             worst.append(1e3 * float(np.max([case["squares"] for case in of])) ** 0.5)
             figures[f"rmse_{name}_mm"] = 1e3 * float(np.mean([case["squares"] for case in of])) ** 0.5
         return figures | {

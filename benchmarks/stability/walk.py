@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, saved
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, by_scenario, saved
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.stability.falls import FAILED, PASSED, draw_failures
 from benchmarks.stability.walk_cases import measure, robot_walk, speed_error, walk_config
@@ -35,9 +35,7 @@ def cases(robot: str, seeds: range, scenarios: Sequence[str] = (), contender: st
 
 def judge(robot: str, results: Sequence[Case]) -> tuple[dict[str, float], list[str]]:
     """Figures of the results, and every bound that does not hold."""
-    of: dict[str, list[Case]] = {}
-    for case in results:
-        of.setdefault(case["scenario"], []).append(case)
+    of = by_scenario(results)
     walks = [case for case in results if case["kind"] != "top"]  # the search for the top speed may fall
     falls = [case for case in walks if case["fell"]]
     figures = {"falls": float(len(falls)), "walks": float(len(walks))}
@@ -144,7 +142,7 @@ def _draw_limit(axes: Axes, value: float, name: str) -> None:
 
 
 def _draw_scenarios(axes: Axes, cases: list[Case], score: str, label: str) -> None:
-    names = list(dict.fromkeys(case["scenario"] for case in cases))
+    names = list(by_scenario(cases))
     for fell, colour in ((False, PASSED), (True, FAILED)):
         chosen = [case for case in cases if case["fell"] == fell]
         places = [names.index(case["scenario"]) for case in chosen]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Options, Report
-from benchmarks.stability import terrain, terrain_map
+from benchmarks.stability import falls, terrain, terrain_map
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.terrain import terrains
@@ -69,7 +69,7 @@ def test_eighteen_of_twenty_decide(name: str, failures: int, passes: bool) -> No
 
 def test_each_condition_is_drawn_with_the_limits_of_its_speed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     figures: list[Figure] = []
-    monkeypatch.setattr(terrain, "saved", lambda figure, file: figures.append(figure) or file)
+    monkeypatch.setattr(falls, "saved", lambda figure, file: figures.append(figure) or file)
     outcome = good(1)[0]
     results = [outcome | {"scenario": name} for name in ("tiles", "steep_up_fast")]
     BENCH.plots(report_of(results), tmp_path)
