@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from models.numerics.cholesky import factorise, solve_factored
 from models.numerics.compiled import njit
 from models.numerics.so3 import exponential, left_jacobian, logarithm, multiply, orthonormalise, rotate, turn_noise
 
@@ -246,23 +247,6 @@ def retract(state: FilterState, error: Array) -> None:
 
 
 @njit(cache=True)
-def factorise(matrix: Array) -> bool:
-    """Cholesky factor in the lower triangle, in place; False when the matrix is not positive definite or not finite."""
-    for i in range(matrix.shape[0]):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * matrix[j, k]
-            if i == j:
-                if not 0.0 < total < np.inf:
-                    return False
-                matrix[i, i] = math.sqrt(total)
-            else:
-                matrix[i, j] = total / matrix[j, j]
-    return True
-
-
-@njit(cache=True)
 def _add_product(left: Array, right: Array, out: Array) -> None:
     """``out += left right``, three rows of ``right`` at a time: that writes ``out`` a third as often."""
     count = right.shape[0]
@@ -325,18 +309,7 @@ def correct(
         # A residual that is not finite makes the weight so too, and the second factorisation refuses it.
         weight = math.sqrt(squared / gate)
     gain = cross.copy()  # K' (m, 27): solve S K' = H P
-    for r in range(m):
-        for k in range(r):
-            for j in range(SIZE):
-                gain[r, j] -= factor[r, k] * gain[k, j]
-        for j in range(SIZE):
-            gain[r, j] /= factor[r, r]
-    for r in range(m - 1, -1, -1):
-        for k in range(r + 1, m):
-            for j in range(SIZE):
-                gain[r, j] -= factor[k, r] * gain[k, j]
-        for j in range(SIZE):
-            gain[r, j] /= factor[r, r]
+    solve_factored(factor, gain)
     # Joseph: M = (I - K H) P, then P <- M (I - K H)' + K N K' = M + (K N - M H') K'.
     side = -gain.T
     _add_product(side, cross, covariance)

@@ -16,15 +16,9 @@ Array = NDArray[np.float64]
 class Momentum(NamedTuple):
     """Momentum of one state, world-aligned, positions relative to the origin of the base."""
 
-    rotations: Array  # of each body (nj + 1, 3, 3)
     origins: Array  # of each body (nj + 1, 3) [m]
     axes: Array  # of each joint, by body; that of the base is unused (nj + 1, 3)
-    linear: Array  # velocity of each body at the origin of the base (nj + 1, 3) [m/s]
-    angular: Array  # angular velocity of each body (nj + 1, 3) [rad/s]
-    momentum: Array  # linear momentum of each subtree (nj + 1, 3) [N.s]
-    moment: Array  # angular momentum of each subtree (nj + 1, 3) [N.m.s]
-    masses: Array  # of each subtree (nj + 1,) [kg]
-    first_moments: Array  # first moment of mass of each subtree (nj + 1, 3) [kg.m]
+    linear: Array  # of the whole robot (3,) [N.s]
     joint_momentum: Array  # p = M v of the joints (nj,) [N.m.s]
     joint_rate: Array  # joint rows of C' v - g (nj,) [N.m]
     com: Array  # (3,) [m]
@@ -138,6 +132,5 @@ def generalised_momentum(q: Array, v: Array, robot: Dynamics) -> Momentum:
     for foot in range(2):
         place_frame(robot.soles, foot, rotations, origins, sole_rotations[foot], sole_positions[foot])
     return Momentum(
-        rotations, origins, axes, linear, angular, momentum, moment, masses, firsts, joint_momentum, joint_rate, com,
-        com_velocity, spin, sole_rotations, sole_positions,
-    )  # fmt: skip
+        origins, axes, momentum[0], joint_momentum, joint_rate, com, com_velocity, spin, sole_rotations, sole_positions
+    )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from controllers.estimation.config import ObserverConfig
 from controllers.estimation.momentum import Dynamics, Momentum, generalised_momentum, read_dynamics
 from models.constants import COM_HEIGHT_MIN
+from models.numerics.cholesky import factorise, solve_factored
 from models.numerics.compiled import njit
 from models.numerics.so3 import rotate, rotate_transposed
 from models.robot_model import RobotModel
@@ -181,20 +182,8 @@ def _leg_wrench(
                 normal[i, j] += row[i] * row[j]
     for i in range(6):
         normal[i, i] += damping * damping
-    for j in range(6):
-        for i in range(j, 6):
-            total = normal[i, j]
-            for k in range(j):
-                total -= normal[i, k] * normal[j, k]
-            normal[i, j] = math.sqrt(total) if i == j else total / normal[j, j]
-    for i in range(6):
-        for k in range(i):
-            solution[i] -= normal[i, k] * solution[k]
-        solution[i] /= normal[i, i]
-    for i in range(5, -1, -1):
-        for k in range(i + 1, 6):
-            solution[i] -= normal[k, i] * solution[k]
-        solution[i] /= normal[i, i]
+    factorise(normal)
+    solve_factored(normal, solution.reshape((6, 1)))
     for i in range(3):
         solution[3 + i] *= arm
     rotate_transposed(rotation, solution[0:3], out[0:3])
@@ -247,7 +236,7 @@ def observe(
     momentum, speeds = generalised_momentum(q, v, robot), v[6:]
     push_gain, joint_gain = min(gains.push_rate * dt, 1.0), min(gains.joint_rate * dt, 1.0)
     base, joints, past, past_joints = state.base, state.joints, state.past, state.past_joints
-    total, spin, com = momentum.momentum[0], momentum.angular_momentum, momentum.com
+    total, spin, com = momentum.linear, momentum.angular_momentum, momentum.com
     start = dt <= 0.0
     for n in range(joints.shape[0]):
         known = momentum.joint_rate[n] + tau[n] - robot.damping[n] * speeds[n]

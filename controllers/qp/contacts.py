@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.qp.terms import Dynamics, pose_error
+from models.numerics.cholesky import factorise, solve_factored
 from models.numerics.compiled import njit
 
 Array = NDArray[np.float64]
@@ -349,20 +350,7 @@ def _null_space(constraint: Array, right: Array, basis: Array, particular: Array
 
 @njit(cache=True)
 def _solve_base(mass_matrix: Array, right: Array) -> None:
-    """``right = M_bb^-1 right`` (6, k) in place, with the base block of M factored as L L' (Cholesky)."""
-    factor = np.zeros((6, 6))
-    for j in range(6):
-        for i in range(j, 6):
-            total = mass_matrix[i, j]
-            for k in range(j):
-                total -= factor[i, k] * factor[j, k]
-            factor[i, j] = np.sqrt(total) if i == j else total / factor[j, j]
-    for c in range(right.shape[1]):
-        for i in range(6):
-            for k in range(i):
-                right[i, c] -= factor[i, k] * right[k, c]
-            right[i, c] /= factor[i, i]
-        for i in range(5, -1, -1):
-            for k in range(i + 1, 6):
-                right[i, c] -= factor[k, i] * right[k, c]
-            right[i, c] /= factor[i, i]
+    """``right = M_bb^-1 right`` (6, k) in place, with the base block of M."""
+    factor = mass_matrix[:6, :6].copy()
+    factorise(factor)
+    solve_factored(factor, right)
