@@ -178,7 +178,7 @@ class ControlStack:
         """Build the whole-body law, the head and the joint monitor, or replace them."""
         self.robot = robot
         if law is None:
-            head = Head.for_robot(robot, config.head)
+            head = None if robot.profile.head is None else Head(robot, config.head)
             law = BalanceController(robot, config.balance, config.whole_body, head=head)
         self._law = law
         self.head, self.tuning = (law.head, Tuning(law)) if isinstance(law, BalanceController) else (None, None)

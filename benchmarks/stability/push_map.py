@@ -29,7 +29,6 @@ from models.config import STRICT, Count, Fraction, Positive
 from models.constants import GRAVITY
 from models.errors import PoiseError
 from models.heading import heading
-from models.robot_model import RobotModel
 from models.types import Matrix
 from planners.gait.scaling import load_gait_config
 
@@ -105,10 +104,7 @@ def loop_of(robot: str, contender: str = "") -> ClosedLoop:
     return ClosedLoop(robot=robot, record_period_s=map_config().record_period)
 
 
-@lru_cache(maxsize=2)
-def legs_of(robot: RobotModel) -> LegContact:
-    """The check of a robot's legs."""
-    return LegContact(robot)
+legs_of = lru_cache(maxsize=2)(LegContact)
 
 
 def prepare(loop: ClosedLoop, trial: Trial) -> None:

@@ -1,7 +1,5 @@
 """Pan and tilt of the head, added to the posture reference of the whole-body law."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 
@@ -66,11 +64,6 @@ class Head:
         self._stages = np.zeros((3, 2))  # ramp, first and second low-pass, of pan and tilt [rad]
         self._input = np.zeros((2, 2))  # of both joints in the given posture: positions [rad], velocities [rad/s]
         self.discard_command()
-
-    @classmethod
-    def for_robot(cls, model: RobotModel, config: HeadConfig | None = None) -> Head | None:
-        """The head of a robot; None for a robot without one."""
-        return None if model.profile.head is None else cls(model, config)
 
     @property
     def active(self) -> bool:

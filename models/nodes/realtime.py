@@ -141,9 +141,7 @@ def be_ordinary() -> None:
 
 
 def pin_to(cores: list[int], log: Callable[[str], object]) -> bool:
-    """Run this process on the given cores only, on all for an empty list; logs and returns as ``use_fifo``."""
-    if not cores:
-        return False
+    """Run this process on the given cores only; logs and returns as ``use_fifo``."""
     _cores.update(os.sched_getaffinity(0))
     try:
         each_thread(lambda thread: os.sched_setaffinity(thread, cores))

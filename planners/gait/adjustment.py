@@ -12,7 +12,7 @@ from models.types import Matrix, Vector
 from planners.gait.commands import CommandState
 from planners.gait.config import GaitConfig
 from planners.gait.contact import Soles
-from planners.gait.dcm import StepModel, height_at_touchdown, offset_coupling, previewed_offset, swing_allowance
+from planners.gait.dcm import StepModel, height_at_touchdown, offset_coupling, previewed_offset
 from planners.gait.foot_motion import FootLimits
 from planners.gait.footsteps import (
     Feet,
@@ -28,7 +28,7 @@ from planners.gait.footsteps import (
 )
 from planners.gait.measurement import Measurement
 from planners.gait.pace import Pace
-from planners.gait.reaction import Body, SwingLeg, rest_of_swing
+from planners.gait.reaction import Body, SwingLeg, rest_of_swing, whole_swing
 from planners.gait.regions import (
     NOWHERE,
     URGENT_REGIONS,
@@ -252,7 +252,8 @@ def _start_of_single(
     first = point_at(liftoff[0], liftoff[1], liftoff[2], centre[0], centre[1])
     last = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
     offset = previewed_offset(poses, foot, ends, omega, pace, model)
-    swing = swing_allowance(omega, (last[0] - first[0], last[1] - first[1]), yaw, pace, model, rise + poses[1, 3])
+    way = last[0] - first[0], last[1] - first[1]
+    swing = whole_swing(omega, pace, way, yaw, model.leg, rise + poses[1, 3])
     decay = math.exp(-omega * pace.single)
     return x + decay * (last[0] + offset[0] - x) + swing[0], y + decay * (last[1] + offset[1] - y) + swing[1]
 

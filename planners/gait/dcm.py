@@ -70,12 +70,6 @@ def touchdown_offset(
 
 
 @register_jitable
-def swing_allowance(omega: float, way: Point, yaw: float, pace: Pace, step: StepModel, rise: float) -> Point:
-    """DCM that the coming swing will use up, in W [m]; see ``whole_swing``."""
-    return whole_swing(omega, pace, way, yaw, step.leg, rise)
-
-
-@register_jitable
 def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace, step: StepModel) -> Point:
     """DCM offset at the coming touchdown from the next ZMP point, in W [m]; ``foot`` swings first.
 
@@ -90,7 +84,7 @@ def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, pace: P
     for i in range(count - 2):
         way = points[i + 2, 0] - points[i, 0], points[i + 2, 1] - points[i, 1]
         rise = poses[i + 2, 3] - poses[i, 3]
-        swings[i, 0], swings[i, 1] = swing_allowance(omega, way, poses[0, 2], pace, step, rise)
+        swings[i, 0], swings[i, 1] = whole_swing(omega, pace, way, poses[0, 2], step.leg, rise)
     final = 0.5 * (points[count - 1] + points[count - 2]) if ends else points[count - 1]
     return touchdown_offset(points, swings, omega, pace.single, pace.double, final)
 
