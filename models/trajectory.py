@@ -119,13 +119,14 @@ def validate_trajectory(
     traj: JointTrajectory,
     model: RobotModel,
     *,
-    start_q: Vector,
+    start_q: Vector | None = None,
     start_v: Vector | None = None,
     elapsed: float = 0.0,
 ) -> None:
     """Refuse a trajectory that the robot must not execute.
 
-    It starts at ``start_q`` (nj,) [rad], which is ``elapsed`` seconds old, with ``start_v`` [rad/s].
+    It starts at ``start_q`` (nj,) [rad], which is ``elapsed`` seconds old, with ``start_v`` [rad/s]; without a start the
+    points alone are checked.
 
     Raises ``JointNameError`` for a joint that is unknown or named twice, and ``TrajectoryError`` for a wrong shape, too
     few or too many points, NaN or infinity, times that are negative or do not increase, a point or the curve between
@@ -136,8 +137,9 @@ def validate_trajectory(
     check.finite()
     check.times()
     check.points()
-    check.start(start_q, elapsed)
-    check.curve(start_q, start_v)
+    if start_q is not None:
+        check.start(start_q, elapsed)
+        check.curve(start_q, start_v)
 
 
 class _Check:
