@@ -45,7 +45,7 @@ class TestRequests:
         back = planner.plan("stand", start)
         assert back.positions[0] == pytest.approx(start) and back.positions[-1] == pytest.approx(model.posture("stand"))
         assert back.velocities is not None and not back.velocities[[0, -1]].any()
-        validate_trajectory(back, model, start_q=start, end_at_rest=True)
+        validate_trajectory(back, model, start_q=start)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(SelfCollision, "distances", lambda *args: next(distances))
             distances = iter([np.full(planner._collision.count, gap) for gap in (0.05, 0.001)])
