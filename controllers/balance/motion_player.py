@@ -53,14 +53,14 @@ class MotionPlayer:
     def follow(self, trajectory: JointTrajectory, reference: Reference, *, walking: bool, stepping: bool) -> None:
         """Start a motion from the posture reference of the last tick; a running one is replaced without a jump.
 
-        A single point at rest that is due within ``setpoint_time_s`` takes this time where the motion before it was as
-        close to its end, and its step from there is below ``start_jump``: a stream of them is followed smoothly. Any
-        other takes as long as its limits of velocity and acceleration require. A velocity that the motion does not
-        start with, as of a joint which it does not name, or which would take it beyond the joint limits, fades out
-        within ``stop_time_s``. A motion that does not end at rest slows down after its end like a stopped one. While
-        ``walking``, only arms and head follow, blended in and out; while
-        ``stepping``, the gait moves legs and torso until the motion ends. Raises ``TrajectoryError`` or
-        ``JointNameError`` as ``validate_trajectory`` does.
+        A single point at rest that is due within ``setpoint_time_s`` takes this time where the motion before it is as
+        close to its end, and its step from there is at most ``start_jump`` and the way at the present velocity: a
+        stream of them is followed smoothly. Otherwise it takes as long as the limits of setpoints require. A velocity
+        that the motion does not start with, as of a joint which it does not name, or which would take it beyond the
+        joint limits, fades out within ``stop_time_s``. A motion that does not end at rest slows down after its end like
+        a stopped one. While ``walking``, only arms and head follow, blended in and out; while ``stepping``, the gait
+        moves legs and torso until the motion ends. Raises ``TrajectoryError`` or ``JointNameError`` as
+        ``validate_trajectory`` does.
         """
         start, speed = self._start(reference, trajectory)
         if walking:
@@ -152,7 +152,9 @@ class MotionPlayer:
         rest = start + 0.5 * config.setpoint_time_s * speed
         joints = [model.joint_index(name) for name in setpoint.joint_names]
         step, way = (setpoint.positions[0] - q[joints] for q in (end, rest))
-        if left <= config.setpoint_time_s and np.abs(step).max() <= self._limits.start_jump:
+        # After a lost or late setpoint the next one is farther away by what the joint moves meanwhile.
+        reach = self._limits.start_jump + min(self._time, config.setpoint_time_s) * np.abs(speed[joints])
+        if left <= config.setpoint_time_s and (np.abs(step) <= reach).all():
             return np.array([config.setpoint_time_s])
         v_max = config.setpoint_velocity * model.v_max[joints]
         return np.array([max(blend_time(way, v_max, config.setpoint_acceleration), config.setpoint_time_s)])

@@ -77,13 +77,16 @@ def test_a_motion_that_replaces_another_takes_its_velocity_over(
     assert not v[-1].any()
 
 
-def streamed(model: RobotModel, setpoint: Callable[[float], float], due: float = 0.0) -> np.ndarray:
-    """Position from the begin [rad], velocity and acceleration of a joint with a lone point every 20 ms (n, 3)."""
+def streamed(model: RobotModel, setpoint: Callable[[float], float], due: float = 0.0, lost: int = 10**9) -> np.ndarray:
+    """Position from the begin [rad], velocity and acceleration of a joint with a lone point every 20 ms (n, 3).
+
+    Each ``lost``-th point does not arrive.
+    """
     played = Played(model)
     played.player.reset(played.begin)
     played.last, rows = played.player.step(DT), []
     for tick in range(2000):
-        if tick % 20 == 0:
+        if tick % 20 == 0 and (tick // 20 + 1) % lost:
             played.follow((MOVED,), [due], np.array([[played.begin[played.joint] + setpoint(tick * DT)]]))
         played.last = played.player.step(DT)
         rows.append([part[played.joint] for part in played.last])
@@ -103,12 +106,13 @@ def test_a_setpoint_far_away_is_reached_at_a_sane_speed(g1: RobotModel, due: flo
     assert np.abs(played.to_the_end()[:, 2]).max() < 1.01 * load_balance_config(g1).setpoint_acceleration
 
 
-def test_a_fast_stream_of_small_steps_is_followed_without_delay(g1: RobotModel) -> None:
+@pytest.mark.parametrize("lost", [5, 10, 10**9])
+def test_a_fast_stream_is_followed_without_delay_also_after_a_lost_point(g1: RobotModel, lost: int) -> None:
     def swing(t: float) -> float:
         return 0.5 * math.sin(2.0 * math.pi * t) * min(t, 1.0)
 
     lag = 0.065
-    q = streamed(g1, swing)[:, 0]
+    q = streamed(g1, swing, lost=lost)[:, 0]
     assert q[500:] == pytest.approx([swing(DT * tick - lag) for tick in range(500, 2000)], abs=0.02)
 
 
