@@ -40,17 +40,20 @@ def last_moments(loop: ClosedLoop | HardwareLoop, duration: float) -> Case:
 def draw_distances(
     report: Report, folder: Path, label: str, draw_limits: Callable[[Axes], None] = lambda axes: None
 ) -> list[Path]:
-    """Draw the distance of every case by its scenario, survivors apart, and the first failures; returns the files."""
+    """Draw the distance of every case by its scenario, survivors apart, and the first failures; returns the files.
+
+    ``label`` is that of the distance, ``draw_limits`` draws what is required.
+    """
     names = list(by_scenario(report.cases))
     first = min((case["seed"] for case in report.cases), default=0)
     figure = new_figure(3.5 + 0.9 * len(names), 3.6)
     axes = figure.add_subplot(1, 1, 1)
-    for survived, colour, label in ((True, PASSED, "survived"), (False, FAILED, "did not survive")):
+    for survived, colour, outcome in ((True, PASSED, "survived"), (False, FAILED, "did not survive")):
         shown = [case for case in report.cases if case["survived"] == survived]
         places = [
             names.index(case["scenario"]) + 0.3 * ((case["seed"] - first + 0.5) / report.seeds - 0.5) for case in shown
         ]
-        axes.plot(places, [case["distance"] for case in shown], "o", markersize=4, color=colour, label=label)
+        axes.plot(places, [case["distance"] for case in shown], "o", markersize=4, color=colour, label=outcome)
     axes.set_xticks(range(len(names)), names, fontsize=8, rotation=20)
     axes.set_xlim(-0.5, len(names) - 0.5)
     draw_limits(axes)

@@ -80,6 +80,7 @@ def test_each_condition_is_drawn_with_the_limits_of_its_speed(tmp_path: Path, mo
     ]
     assert [segment[0, 1] for segment in limits["required"]] == pytest.approx([4.2, 5.6])
     assert [segment[:, 0].tolist() for segment in limits["required"]] == [[-0.5, 0.5], [0.5, 1.5]]
+    assert figures[0].axes[0].get_ylabel() == f"distance in {CONFIG.duration:.0f} s [m]"
 
 
 def test_goals_have_no_bound() -> None:
