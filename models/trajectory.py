@@ -125,8 +125,8 @@ def validate_trajectory(
 ) -> None:
     """Refuse a trajectory that the robot must not execute.
 
-    It starts at ``start_q`` (nj,) [rad], which is ``elapsed`` seconds old, with ``start_v`` [rad/s]; without a start the
-    points alone are checked.
+    It starts at ``start_q`` (nj,) [rad], which is ``elapsed`` seconds old, with ``start_v`` [rad/s]; without
+    ``start_q`` the points alone are checked.
 
     Raises ``JointNameError`` for a joint that is unknown or named twice, and ``TrajectoryError`` for a wrong shape, too
     few or too many points, NaN or infinity, times that are negative or do not increase, a point or the curve between
