@@ -23,7 +23,7 @@ from planners.library import SIDES, START, FrameTarget, KeyPose, Motion, load_li
 from planners.motion_config import MotionConfig
 from planners.whole_body_ik import Bounds, WholeBodyIk, arms, chain
 
-STAND = "stand"  #: Motion that starts from any posture
+STAND = "stand"  #: Motion that also starts where the soles are not on one plane
 _PITCH = 0.5  #: Share of an axis across the robot from which a joint of the waist pitches the torso [-]
 _ROUNDING = 1e-6  #: Slack of the joint limits [rad]
 _SLACK = 1e-3  #: Slack of the CoM's margin, which the solver keeps at key poses only [m]

@@ -46,8 +46,8 @@ class JointServo:
 
     ``step`` returns the target of the drives: the setpoint with its gains, evaluated by the drive at its own rate.
     A joint whose torque is limited gets the limited torque alone, with zero gains. With ``keep_gains``, gains and
-    feed-forward are reduced by the same share instead, where the limit only reduces the torque: a drive that gets no
-    further command then still tracks its setpoint, damped.
+    feed-forward are reduced by the same share instead, unless the torque rate holds the torque beyond the desired one
+    or on the other side of zero: a drive that gets no further command then still tracks its setpoint, damped.
 
     After ``arm`` the setpoints are faded in from the measured posture with s = 3 u^2 - 2 u^3, after ``blend`` from the
     setpoint in force, so nothing jumps; gains take effect at once. A setpoint that is not finite, of the wrong size
