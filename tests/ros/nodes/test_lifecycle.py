@@ -10,7 +10,6 @@ from rcl_interfaces.msg import IntegerRange
 from rclpy.lifecycle import TransitionCallbackReturn
 from std_msgs.msg import String
 
-from bridge.commands import reference
 from bridge.nodes.robot_driver import RobotDriver
 from bridge.ros.processes import ACTIVATE, CONFIGURE, change_state
 from controllers.nodes.balance_controller import BalanceControllerNode
@@ -22,6 +21,7 @@ from models.nodes.base import PoiseNode
 from models.nodes.parameters import describe
 from models.nodes.qos import EVENT
 from planners.nodes.motion_planner import MotionPlannerNode
+from tests import reference
 
 pytestmark = pytest.mark.ros
 
