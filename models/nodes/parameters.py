@@ -6,14 +6,13 @@ import math
 import sys
 import types
 import typing
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from models.config import descriptions, parse_config
 from models.constants import NANOSECONDS
-from models.errors import ConfigError, did_you_mean
 
 T = TypeVar("T")
 S = TypeVar("S", bool, int, float, str)
@@ -74,18 +73,6 @@ def declare_lockstep(node: Any) -> tuple[bool, bool]:
         "The plant waits for late commands: no sample may be lost, none is late, and a repeated one is answered again"
     )
     return lockstep, declare(node, "waits", False, text) or lockstep
-
-
-def refuse_undeclared(nodes: Sequence[Any]) -> None:
-    """Refuse a parameter, of the command line or a file, that no node of this process declares; rclpy ignores it.
-
-    Raises ``ConfigError`` with its name and the nearest known one.
-    """
-    declared = tuple(name for node in nodes for name in node.get_parameters_by_prefix(""))
-    for node in nodes:
-        for name in node._parameter_overrides:  # rclpy has no public way to read them
-            if name not in declared:
-                raise ConfigError(f"{node.get_name()}: unknown parameter '{name}'{did_you_mean(name, declared)}")
 
 
 def _declare(node: Any, default: Any, prefix: str, live: Collection[str]) -> dict[str, Any]:

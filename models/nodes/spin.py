@@ -15,9 +15,8 @@ from rclpy.exceptions import ParameterException
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
-from models.errors import PoiseError
+from models.errors import ConfigError, PoiseError, did_you_mean
 from models.nodes import realtime
-from models.nodes.parameters import refuse_undeclared
 
 SUPERVISED = "POISE_SUPERVISED"  #: Set by the launcher for the processes that are to end with it
 END_TIME = 3  #: Longest time for which the middleware may delay the end of a process [s]
@@ -131,6 +130,18 @@ def program(*nodes: Callable[[], Any], **options: Any) -> Callable[..., None]:
         sys.exit(run(list(nodes), args, **options))
 
     return main
+
+
+def refuse_undeclared(nodes: Sequence[Any]) -> None:
+    """Refuse a parameter, of the command line or a file, that no node of this process declares; rclpy ignores it.
+
+    Raises ``ConfigError`` with its name and the nearest known one.
+    """
+    declared = tuple(name for node in nodes for name in node.get_parameters_by_prefix(""))
+    for node in nodes:
+        for name in node._parameter_overrides:  # rclpy has no public way to read them
+            if name not in declared:
+                raise ConfigError(f"{node.get_name()}: unknown parameter '{name}'{did_you_mean(name, declared)}")
 
 
 # Functions, so that no variable of ``run`` keeps a node beyond its end

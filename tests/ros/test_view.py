@@ -53,11 +53,12 @@ def client(bench: Bench) -> Iterator[Client]:
 def until(client: Client, bench: Bench, condition: Any, publish: Any = lambda: None) -> None:
     """Publish and serve both sides until a condition holds."""
 
-    def meanwhile() -> None:
+    def holds() -> bool:
         publish()
         bench.spin(0.01)
+        return bool(condition())
 
-    assert client.wait(condition, 10.0, meanwhile)
+    assert client.wait(holds, 10.0)
 
 
 def test_a_moment_is_what_the_topics_tell(client: Client, bench: Bench, g1: RobotModel) -> None:

@@ -15,7 +15,7 @@ from bridge.ros.processes import node_parameters, process_specs
 from controllers.balance.tuning import TUNABLE
 from controllers.stack import ControlStack
 from models.nodes.base import PoiseNode
-from models.nodes.parameters import refuse_undeclared
+from models.nodes.spin import refuse_undeclared
 from tests.reference import NODES, make_node, parameters
 
 pytestmark = pytest.mark.ros
