@@ -200,7 +200,7 @@ class Client:
         def answered() -> bool:
             return before is not None and self.status is not None and self.status.answered > before.answered
 
-        self.wait(lambda: bool(self.motions) or answered(), timeout)
+        self.wait(answered, timeout)  # also where the motion is there before, else the next command takes this answer
         status = self.status
         if answered() and status is not None and before is not None and status.refused > before.refused:
             return CommandReply(False, status.answer)
