@@ -321,14 +321,15 @@ class RobotDriver(PoiseNode):
     def before_diagnostics(self) -> None:
         if not self.active:
             return
-        self.message = "paused" if self.paused else self.drivers.state
+        paused = not (self._world or self).running
+        self.message = "paused" if paused else self.drivers.state
         servo = self.drivers.servo
         self.values["driver timeouts"], self.values["setpoints refused"] = str(servo.timeouts), str(servo.refused)
         self.values["silence before timeout [s]"] = f"{servo.silence:.4f}"
         self.values["starts interrupted"] = str(self.drivers.interruptions)
         factor = self._status.real_time_factor
         self.values["real-time factor"] = f"{factor:.2f}"
-        if self._simulated is not None and not self.paused and factor < SLOW * self.config.speed:
+        if self._simulated is not None and not paused and factor < SLOW * self.config.speed:
             self.get_logger().warning(
                 f"simulated time runs at {factor:.2f} of real time: other programs use the processor, or the plant is "
                 f"slow; poise status has the present factor",

@@ -74,6 +74,9 @@ def test_a_pause_of_one_is_a_pause_of_all(world: DriverWorld) -> None:
         assert world.running
         bridge.paused = True
         assert not world.running
+        for each in world.drivers:
+            each.before_diagnostics()
+            assert each.message == ("paused" if each.active else "configured")
         bridge.paused = False
     for bridge in world.drivers:
         bridge.trigger_deactivate()
