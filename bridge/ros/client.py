@@ -124,10 +124,10 @@ class Client:
 
     @property
     def paused(self) -> str:
-        """What to do where the robot's time stands still; empty while it advances."""
+        """What to do where a simulated robot's time stands still; empty while it advances, and for a real robot."""
         pause = f'ros2 service call {self.namespace}/pause std_srvs/srv/SetBool "{{data: false}}"'
         text = f"the robot's time stands still: poise reset, or {pause}, ends a pause of the simulation"
-        return "" if self.factor else text
+        return "" if self.factor or self.node.count_publishers(topics.START_STATUS) else text
 
     def robot(self, timeout: float = 5.0) -> str:
         """Profile name of the running robot, from its supervisor's status; ``CommandError`` after ``timeout`` [s]."""

@@ -114,8 +114,6 @@ class Listener:
         self._refusals: dict[str, tuple[float, str]] = {}  # the same, and reason, by node or topic
         listen = client.node.create_subscription
         listen(String, topics.GAIT_PHASE, self._word("phase"), LATCHED)
-        listen(String, topics.COMMANDER, self._word("commander"), LATCHED)
-        listen(Float64, topics.REAL_TIME_FACTOR, self._word("factor"), LATCHED)
         listen(WrenchStamped, topics.EXTERNAL_WRENCH, self._on_push, SENSOR)
         listen(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
         listen(DiagnosticStatus, topics.REFUSALS, self._on_refusal, EVENT)  # latched ones have no age
@@ -177,8 +175,8 @@ class Listener:
             faults += [(node, "silent: its process may have ended") for node, (at, _) in nodes if now - at > silence]
         faults += [(node, str(status.message)) for node, (_, status) in nodes if status.level != DiagnosticStatus.OK]
         faults += [(topic, reason) for topic, (at, reason) in self._refusals.items() if now - at <= REFUSAL_TIME]
-        if alive and self._words.factor < self._config.slow:
-            reason = f"{self._words.factor:.2f}: other programs use the processor, or a lower speed was requested"
+        if alive and 0.0 < client.factor < self._config.slow:
+            reason = f"{client.factor:.2f}: other programs use the processor, or a lower speed was requested"
             faults.append(("real-time factor", reason))
         if client.mode in (Mode.OFF.value, Mode.DAMP.value):
             faults.append(("mode", f"{client.mode}: no controller holds the robot up"))
@@ -186,9 +184,11 @@ class Listener:
             self._words,
             mode=client.mode,
             drivers=client.driver_state,
+            commander=client.commander,
+            factor=client.factor,
             faults=tuple(faults),
             start=() if self._start is None else tuple(start_lines(self._start).items()),
-            next=next_step(client.status, self._start) if alive and client.status is not None else START,
+            next=(client.paused or next_step(client.status, self._start)) if alive and client.status else START,
             waiting=f"waiting for data on {', '.join(absent)}" if absent else "",
         )
 

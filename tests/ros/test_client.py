@@ -217,6 +217,9 @@ def test_a_pause_is_named(supervisor: FakeSupervisor, monkeypatch: pytest.Monkey
         assert client.mode == "stand"
         with pytest.raises(CommandError, match=f"no service none.*{paused}"):
             client.trigger("none", timeout=0.3)
+        StatusTopic(supervisor, topics.START_STATUS, LATCHED)
+        client.wait(lambda: not client.paused, 10.0)  # a real robot has no pause
+        assert not client.paused
 
 
 @pytest.mark.parametrize(

@@ -148,6 +148,8 @@ def test_the_start_and_the_monitors_of_a_real_robot(client: Client, bench: Bench
     start = StatusTopic(world, topics.START_STATUS, LATCHED)
     supervisor = StatusTopic(world, topics.SUPERVISOR_STATUS, LATCHED)
     diagnostics = world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+    world.create_publisher(Float64, topics.REAL_TIME_FACTOR, LATCHED).publish(Float64(data=0.0))  # no samples yet
+    until(client, bench, lambda: client.factor == 0.0)
     values = ("hottest motor [degC]: 91 (left_knee_joint)", "lowest voltage [V]: 44.0")
     status = StartStatus("hanging", "the operator: call start/lower", ("44 V",), ("91 degC",), values)
 
@@ -158,7 +160,7 @@ def test_the_start_and_the_monitors_of_a_real_robot(client: Client, bench: Bench
 
     until(client, bench, lambda: listener.words().next == "the operator: call start/lower", publish)
     shown = (("start", "hanging"), ("monitors", "91 degC; 44 V"), ("values", "; ".join(values)))
-    assert listener.words().start == shown
+    assert listener.words().start == shown and "real-time factor" not in dict(listener.words().faults)
     listener.close()
 
 
@@ -203,6 +205,9 @@ def test_whatever_is_red_has_its_reason_and_the_remedy(
         for name, reason in (*words.faults, ("next", GET_UP), ("gait", "none")):
             assert f"<b>{name}</b>: {html.escape(reason)}" in shown.content
         assert words.waiting in shown.content
+        factor.publish(Float64(data=0.0))
+        until(client, bench, lambda: "ends a pause" in listener.words().next)
+        assert "real-time factor" not in dict(listener.words().faults)
     finally:
         server.stop()
         listener.close()
