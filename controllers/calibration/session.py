@@ -264,6 +264,8 @@ class CalibrationProcedure:
             self._done = True
             if self._stage is Stage.MOVED:
                 self._enter(Stage.READY)
+        elif status.state is MotionState.ENDED and self._stage in (Stage.MOVING, Stage.MOVED) and not self.problem:
+            self._give_up(f"the motion '{self._motion}' {status}")
 
     def wait(self, dt: float) -> None:
         """Advance the machine's clock by a time [s]."""
