@@ -200,15 +200,17 @@ class Client:
         def answered() -> bool:
             return before is not None and self.status is not None and self.status.answered > before.answered
 
+        def motions() -> list[MotionStatus]:  # the end of one is that of an earlier command
+            return [each for each in self.motions if each.state not in (MotionState.DONE, MotionState.ENDED)]
+
         self.wait(answered, timeout)  # also where the motion is there before, else the next command takes this answer
         status = self.status
         if answered() and status is not None and before is not None and status.refused > before.refused:
             return CommandReply(False, status.answer)
         if status is not None and status.motion:
-            self.wait(lambda: bool(self.motions), PLANNING)
-        if self.motions:
-            motion = self.motions[0]
-            return CommandReply(motion.state is not MotionState.REFUSED, f"{text[:32]}: {motion}")
+            self.wait(lambda: bool(motions()), PLANNING)
+        if found := motions():
+            return CommandReply(found[0].state is not MotionState.REFUSED, f"{text[:32]}: {found[0]}")
         if not answered() or status is None:
             return CommandReply(True, "sent; no answer yet")
         if text.strip().lower() == STOP or not self.wait(lambda: self._walks and bool(self.limited), LIMITING):

@@ -86,6 +86,8 @@ class FakeSupervisor(Node):
             self.states.publish(MotionStatus(MotionState.RUNNING))
         elif message.data == "fly":
             self.refused += 1
+        elif message.data == "stop":
+            self.states.publish(MotionStatus(MotionState.ENDED, "", "stopped"))
         elif message.data.startswith("forward"):
             self.mode.publish(String(data="walk"))
             self.gait.publish(GaitStatus(True, False, "forward 9 limited to 1.2" if "9" in message.data else ""))
