@@ -213,7 +213,7 @@ class WalkTo(Action):
         if not reply.accepted:
             return Outcome(False, reply.reason)
         if not await robot.until(lambda: robot.mode == Mode.WALK.value, robot.config.answer_timeout):
-            return await self._stand(Outcome(False, f"{robot.present_mode} goes on"))
+            return await self._stand(Outcome(False, f"the walk did not begin: {robot.present_mode}"))
         robot.gait_ready = False
         outcome = await self._walk(handle, turn)
         return await self._stand(outcome) if outcome else Outcome(False, "replaced by a goal of another client")
