@@ -139,7 +139,9 @@ def test_a_controller_in_another_process_gets_the_wrenches_that_the_estimator_ju
     robot = Estimated(bench, RobotModel.load(name), robot=name, lockstep=True)
     controller = bench.add(Controller, robot=name)
     joints = JointStateCodec(robot.model).encode(MS, robot.configuration[7:], *np.zeros((2, robot.model.nj)))
-    bench.wait(lambda: robot.node._estimates._odom.get_subscription_count() == 1)
+    estimates = robot.node._estimates
+    sources = (estimates._odom, *(publisher for publisher, _ in estimates._reactions))
+    bench.wait(lambda: all(each.get_subscription_count() == 1 for each in sources))
     deliver(controller, topics.JOINT_STATES, joints)
     robot.tick(feet=False)
     bench.wait(lambda: controller.states)

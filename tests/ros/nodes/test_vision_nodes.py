@@ -175,7 +175,8 @@ def test_a_ball_becomes_a_bearing_and_the_head_is_sent_after_it(bench: Any, talo
     assert "height, width: (12, 20)" in vision.values["last refusal"]
 
 
-def test_diagnostics_show_what_is_in_the_newest_picture(bench: Any) -> None:
+def test_diagnostics_show_what_is_in_the_newest_picture(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("controllers.nodes.vision_node.SILENCE", math.inf)
     vision = bench.add(VisionNode)
     infos = bench.world.create_publisher(CameraInfo, topics.CAMERA_INFO, SENSOR)
     pictures = bench.world.create_publisher(Image, topics.CAMERA_IMAGE, SENSOR)
@@ -188,6 +189,7 @@ def test_diagnostics_show_what_is_in_the_newest_picture(bench: Any) -> None:
         pictures.publish(image_message(MS, picture))
         bench.wait(lambda text=text: vision.message == f"{text} in the picture")
         assert ("azimuth [deg]" in vision.values) is shown
+    monkeypatch.setattr("controllers.nodes.vision_node.SILENCE", 0.0)
     bench.wait(lambda: vision.publish_diagnostics() or vision.message == "no picture")
 
 
