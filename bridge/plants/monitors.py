@@ -31,7 +31,7 @@ class HardwareMonitor:
     def __init__(self, model: RobotModel, hardware: Hardware) -> None:
         self._names, self._hardware = model.joint_names, hardware
         self._since: dict[tuple[str, int], float] = {}
-        self._loss, self._window = 0.0, real_robot().count_window  # share of states lost in this time [-], [s]
+        self._loss, self._window = 0.0, real_robot().count_window  # share of states lost [-], averaged over [s]
         self._foreign = ForeignCommands("lowcmd", hardware.foreign_commands)
         self._torque_limit, self._saturated = hardware.saturation * model.tau_max, np.zeros(model.nj)
         self.warnings: tuple[str, ...] = ()

@@ -68,7 +68,10 @@ def ignore(message: Any) -> None:
 
 
 class Participant:
-    """A node of ``join`` that sends, as the ``guard``, or receives the heartbeats for the driver of the same graph."""
+    """A node in the robot's domain, made by ``join``.
+
+    That of a ``guard`` publishes heartbeats for the driver of the same graph, whose node receives them.
+    """
 
     def __init__(self, domain: int, name: str, *, guard: bool = False) -> None:
         self._context, self._node = join(domain, name)

@@ -48,7 +48,7 @@ class RosLink(Participant, ControlLink):
             for source in sources
         ]
         self._echo: Any = None
-        if not guard:  # which reads the commands as a source
+        if not guard:  # a guard reads the commands as a source
             self._echo = node.create_subscription(command, topics[COMMAND], ignore, SENSOR, raw=True)
         reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._writer = node.create_publisher(command, topics[COMMAND], reliable)
