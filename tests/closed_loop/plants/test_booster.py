@@ -160,8 +160,12 @@ def test_a_remote_controller_that_sends_events_alone_may_be_silent_for_longer() 
     assert "no remote_controller_state for more than 1 s" in remote.fault  # it repeats its state
 
 
-def test_a_robot_that_is_lowered_sinks_and_ends_in_its_own_damping(standing: BoosterLoop) -> None:
-    """Of seeds 0 to 5, five end at 0.14 to 0.24 of the height; 3 sinks to 0.28 and then rolls onto its limbs, 0.37."""
+def test_a_robot_that_is_lowered_sinks_and_ends_in_its_own_damping(profiles: tuple[Path, Path], tmp_path: Path) -> None:
+    """Of seeds 0 to 17, 13 end at 0.09 to 0.25 of the height; 0, 2, 4, 10 and 11 sink to 0.3 and roll onto their limbs.
+
+    With torques alone at the limits, without a share of the gains, 3 of these seeds rolled.
+    """
+    standing = started(BoosterLoop(tmp_path / "marker", laws=profiles[1], robot=profiles[0], seed=1))
     ending, height = default_config(EndConfig, "bridge", "ending"), standing.robot.standing_configuration()[2]
     standing.command(ending.motion)
     standing.run(5.0)
