@@ -1,5 +1,6 @@
 """Reads a recording of the graph or of the closed loop: samples, commands, motions, and inputs of the laws."""
 
+import struct
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
+from zstandard import ZstdError
 
 from bridge.record.mcap_log import DESCRIPTION, EVENTS, ROBOT
 from controllers.input_log import TickInputs
@@ -84,8 +86,13 @@ def read_run(path: Path, robot: str = "") -> RecordedRun:
                 if take is not None:
                     take(message.log_time, bytes(message.data))
             return run
-    except (OSError, McapError) as error:
-        raise PoiseError(f"{path}: not a recording: {error}") from error
+    except PoiseError:
+        raise
+    except OSError as error:
+        raise PoiseError(f"{path}: cannot be read: {error.strerror}") from error
+    except (McapError, ZstdError, struct.error, ValueError, OverflowError) as error:
+        reason = f": {error}" if str(error) else ""
+        raise PoiseError(f"{path}: not a recording, or a damaged or incomplete one{reason}") from error
 
 
 def _takers(run: RecordedRun) -> dict[str, Callable[[int, bytes], object]]:

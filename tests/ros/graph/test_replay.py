@@ -132,6 +132,8 @@ def test_what_cannot_be_replayed_is_said(recorded: Path, tmp_path: Path) -> None
     (tmp_path / "text.mcap").write_text("no recording")
     result = CliRunner().invoke(app, ["replay", str(tmp_path / "text.mcap")])
     assert result.exit_code == 2 and "text.mcap: not a" in result.output
+    with pytest.raises(PoiseError, match="cannot be read: No such file"):
+        read_run(tmp_path / "missing.mcap")
     unnamed = tmp_path / "unnamed.mcap"
     log = McapLog(unnamed)
     log.close()
@@ -142,6 +144,16 @@ def test_what_cannot_be_replayed_is_said(recorded: Path, tmp_path: Path) -> None
     log.close()
     with pytest.raises(PoiseError, match="unknown_robot"):
         read_run(unnamed)
+
+
+@pytest.mark.parametrize("part", ["begin", "half", "chunk"])
+def test_a_damaged_recording_is_refused(recorded: Path, tmp_path: Path, part: str) -> None:
+    data, damaged = recorded.read_bytes(), tmp_path / "damaged.mcap"
+    middle = len(data) // 2
+    contents = {"begin": data[:4], "half": data[:middle], "chunk": data[:middle] + bytes(99) + data[middle + 99 :]}
+    damaged.write_bytes(contents[part])
+    with pytest.raises(PoiseError, match=r"damaged.mcap: not a recording, or a damaged or incomplete one"):
+        read_run(damaged)
 
 
 def test_missing_stamps_are_counted_by_the_shortest_step() -> None:
