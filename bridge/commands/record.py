@@ -50,7 +50,9 @@ def record(
     for topic, reason in recorder.left_out.items():
         say(f"{topic} left out: {reason}")
     lost = f"{recorder.lost} joint samples lost" if recorder.lost else "no joint sample lost"
+    lost = lost if recorder.sampled else "not a single joint sample"
     say(f"{path}: {recorder.duration:.3f} s, {sum(log.counts.values())} messages, {lost}")
+    raise typer.Exit(0 if recorder.sampled else 1)
 
 
 def replay(

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 
 from bridge.record.mcap_log import DESCRIPTION, DIAGNOSTICS, ROBOT, TYPES, McapLog
 from bridge.record.run_file import missing
-from bridge.ros.environment import participant
+from bridge.ros.environment import namespaces_of_robots, other_namespaces, participant
 from models.errors import CommandError, MessageError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, stamp_of
@@ -62,6 +62,11 @@ class GraphRecorder:
         return (self._stamps[-1] - self._stamps[0]) / NANOSECONDS if self._stamps else 0.0
 
     @property
+    def sampled(self) -> bool:
+        """Whether a joint sample has arrived: without one the recording has no time."""
+        return bool(self._stamps)
+
+    @property
     def lost(self) -> int:
         """Missing joint samples."""
         return missing(self._stamps)
@@ -104,9 +109,9 @@ class GraphRecorder:
             elif self.received and now - since > SILENCE:
                 say(f"the robot is silent for {SILENCE:.0f} s: the recording ends")
                 return
-            elif not self.received and not waited and now - begin > PATIENCE:
+            if not self._now and not waited and now - begin > PATIENCE:
                 waited = True
-                say("waiting for the robot (poise up); Ctrl-C ends")
+                say(f"waiting for the robot ({_robots_up(node) or 'poise up'}); Ctrl-C ends")
 
     def _look(self, node: Any) -> None:
         present = {name for name, _ in node.get_topic_names_and_types()}
@@ -154,6 +159,12 @@ class GraphRecorder:
         for name, data in self._waiting:
             self._log.add(name, data, self._now)
         self._waiting.clear()
+
+
+def _robots_up(node: Any) -> str:
+    """Where robots are up, with the remedy; empty without one, or with one in the node's namespace."""
+    robots = namespaces_of_robots(node)
+    return other_namespaces(robots) if robots and node.get_namespace().rstrip("/") not in robots else ""
 
 
 def _robot(topic: str, data: bytes) -> str:
@@ -212,4 +223,5 @@ class ImuListener:
                 if self.count != received:
                     received, since = self.count, time.monotonic()
                 elif time.monotonic() - since > silence:
-                    raise CommandError(f"{topics.IMU_DATA} is silent for {silence:.0f} s: is the robot up? (poise up)")
+                    remedy = _robots_up(node) or "is the robot up? (poise up)"
+                    raise CommandError(f"{topics.IMU_DATA} is silent for {silence:.0f} s: {remedy}")

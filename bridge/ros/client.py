@@ -14,7 +14,13 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
-from bridge.ros.environment import graph_holder, graphs_elsewhere, participant
+from bridge.ros.environment import (
+    graph_holder,
+    graphs_elsewhere,
+    namespaces_of_robots,
+    other_namespaces,
+    participant,
+)
 from bridge.ros.processes import absolute_namespace
 from models.errors import CommandError
 from models.nodes import topics
@@ -144,20 +150,17 @@ class Client:
         timeout = min(timeout, ROBOT_TIMEOUT) if elsewhere else timeout
         if self.wait(condition, timeout):
             return
-        end = f"/{topics.SUPERVISOR_STATUS}"
-        seen = [topic for topic, _ in self.node.get_topic_names_and_types() if topic.endswith(end)]
-        robots = {topic.removesuffix(end) for topic in seen if self.node.count_publishers(topic)}
         holder = graph_holder(self.namespace)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         remedy = f"poise up ({holder}) is starting, or does not answer; in need use the robot's remote controller"
         if not holder:
             remedy = elsewhere or f"is the robot up in ROS domain {domain}, that of this terminal?"
             remedy += "; if none is up, start it with: poise up"
+        robots = namespaces_of_robots(self.node)
         if self.namespace in robots:
             remedy = self.paused or "the robot is up: poise status says what it does"
         elif robots:
-            option = "leave --namespace out" if robots == {""} else "give --namespace"
-            remedy = f"robots are up in {', '.join(robot or '/' for robot in sorted(robots))}: {option}"
+            remedy = other_namespaces(robots)
         named = f"{self.namespace}/{name}" if self.namespace else name
         raise CommandError(f"no {what} {named} within {timeout:g} s: {remedy}")
 

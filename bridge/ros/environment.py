@@ -23,6 +23,7 @@ from rclpy.utilities import try_shutdown
 
 from bridge.ros.processes import absolute_namespace, in_namespace
 from models.errors import PoiseError
+from models.nodes import topics
 from models.nodes.spin import SUPERVISED, log_arguments, log_variables
 from models.numerics.threads import THREAD_VARIABLES
 
@@ -156,6 +157,19 @@ def graphs_elsewhere(namespace: str) -> str:
             remedy.append(f"give --namespace {there}" if there else "leave --namespace out")
         found.append(f"{_graph(int(domain), there)[1]} ({claim}): {' and '.join(remedy)}")
     return f"no graph runs in {place}, but in {'; in '.join(found)}"
+
+
+def namespaces_of_robots(node: Node) -> set[str]:
+    """Namespaces, each with its leading slash or empty, of the robots that ``node`` has discovered."""
+    end = f"/{topics.SUPERVISOR_STATUS}"
+    seen = [topic for topic, _ in node.get_topic_names_and_types() if topic.endswith(end)]
+    return {topic.removesuffix(end) for topic in seen if node.count_publishers(topic)}
+
+
+def other_namespaces(robots: set[str]) -> str:
+    """Where robots are up, none of them in the namespace of this process, with the remedy."""
+    option = "leave --namespace out" if robots == {""} else "give --namespace"
+    return f"robots are up in {', '.join(robot or '/' for robot in sorted(robots))}: {option}"
 
 
 def _is_free(domain: int) -> bool:

@@ -110,6 +110,19 @@ def test_nothing_received_leaves_no_file(ros_domain_id: int, record: Any, tmp_pa
     assert list(tmp_path.glob("*run*")) == []
 
 
+def test_messages_without_a_robot_are_no_robot(bench: Any, record: Any) -> None:
+    bench.world.create_publisher(String, f"/robot_2/{topics.SUPERVISOR_STATUS}", LATCHED)
+    mode = bench.world.create_publisher(String, topics.MODE, LATCHED)
+    mode.publish(String(data="stand"))
+    process = record()
+    waiting = process.stdout.readline()
+    assert waiting == "waiting for the robot (robots are up in /robot_2: give --namespace); Ctrl-C ends\n"
+    bench.wait(lambda: mode.get_subscription_count() == 1)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(30.0) == 1
+    assert "messages, not a single joint sample" in process.stdout.read()
+
+
 @pytest.mark.slow
 def test_a_run_of_the_graph_is_reproduced(record: Any, tmp_path: Path) -> None:
     domain = free_domain()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,16 +15,17 @@ import pinocchio as pin
 import pytest
 from mcap_ros2.reader import read_ros2_messages
 from sensor_msgs.msg import Imu
+from std_msgs.msg import String
 from typer.testing import CliRunner
 
 from bridge.cli import app
 from bridge.record.graph_recorder import ImuListener
 from bridge.record.mcap_log import McapLog, message_text
 from models.constants import GRAVITY
-from models.errors import MessageError, PoiseError
+from models.errors import CommandError, MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.imu import COLUMNS, CsvImuLog, ImuSample, OrientedImuCodec
-from models.nodes.qos import SENSOR
+from models.nodes.qos import LATCHED, SENSOR
 
 pytestmark = pytest.mark.ros
 
@@ -154,6 +156,14 @@ def test_a_log_needs_a_file() -> None:
     result = CliRunner().invoke(app, ["log", "imu", "--seconds", "1"])
     assert result.exit_code == 2
     assert "name a file" in result.output
+
+
+def test_a_silent_robot_is_told_from_one_elsewhere(bench: Any) -> None:
+    bench.world.create_publisher(String, f"/robot_2/{topics.SUPERVISOR_STATUS}", LATCHED)
+    listener = ImuListener(lambda *_: None)
+    stop: Any = SimpleNamespace(requested=False)
+    with pytest.raises(CommandError, match="robots are up in /robot_2: give --namespace"):
+        listener.listen(None, stop, silence=2.0)
 
 
 @pytest.mark.slow
