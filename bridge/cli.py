@@ -181,6 +181,8 @@ def up(
         fault_plan(faults)
         terrain_named(terrain)
         several = inhabitants(robots, place or (), motions)
+        for each in [one.robot for one in several.values()] or [robot]:
+            load_profile(each)  # else every node refuses it, half a minute later
         own = {} if motions is None or several else own_motions(robot, motions)
     if several and namespace:
         raise typer.BadParameter("--robots names the namespaces: --namespace goes with one robot")

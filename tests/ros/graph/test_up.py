@@ -17,7 +17,9 @@ import pytest
 import yaml
 from nav_msgs.msg import Odometry
 from std_msgs.msg import String
+from typer.testing import CliRunner
 
+from bridge.cli import app
 from bridge.launch import graph as launch
 from bridge.launch.graph import Graph
 from bridge.ros import environment
@@ -96,6 +98,14 @@ def test_wrong_robot_is_refused_by_name(tmp_path: Path) -> None:
     ):
         pass
     assert "unknown_robot" in (tmp_path / "log").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("option", ["--robot=unknown_robot", "--robots=robot_1=g1,robot_2=unknown_robot"])
+def test_an_unknown_robot_starts_nothing(monkeypatch: pytest.MonkeyPatch, option: str) -> None:
+    monkeypatch.setattr("bridge.launch.graph.up", lambda *_, **__: 0)
+    monkeypatch.setattr("bridge.launch.world.up_world", lambda *_, **__: 0)
+    result = CliRunner().invoke(app, ["up", option])
+    assert result.exit_code == 2 and "unknown robot 'unknown_robot'; known: g1" in result.output
 
 
 def test_parameters_for_unknown_nodes_are_refused() -> None:
