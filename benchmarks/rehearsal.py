@@ -87,9 +87,11 @@ def rehearse(
 ) -> None:
     """Hang a simulated G1 from its gantry behind Unitree's protocol on loopback, to practise docs/real_robot.md."""
     from benchmarks.graph.robot_process import RobotProcess
+    from models.profile import load_profile
 
     console = Console()
     with tempfile.TemporaryDirectory() as folder, report_errors(console):
+        load_profile(robot)  # before a process ends with it
         process = RobotProcess("ros", "lo", Path(folder), robot, 500, speed, domain=domain)
         try:
             console.print(

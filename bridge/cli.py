@@ -20,7 +20,10 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 
 
 class _Commands(TyperGroup):
-    """Commands of poise, and those registered by other packages, which load when one is run or listed."""
+    """Commands of poise, and those registered by other packages, which load when one is run or listed.
+
+    An error of poise that a command does not handle ends it in one line.
+    """
 
     def list_commands(self, ctx: Any) -> list[str]:
         from importlib.metadata import entry_points
@@ -36,6 +39,10 @@ class _Commands(TyperGroup):
                 command.name = cmd_name
                 self.add_command(command)
         return super().get_command(ctx, cmd_name)
+
+    def invoke(self, ctx: Any) -> Any:
+        with report_errors():
+            return super().invoke(ctx)
 
 
 app = typer.Typer(

@@ -117,13 +117,13 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
     console = Console()
     config = default_config(DemoConfig, "bridge", "demo")
     say = timed(console)
+    model = RobotModel.load(robot)
     out.mkdir(parents=True, exist_ok=True)
     latency_file = (out / "latency.npz").resolve()
     latency_file.unlink(missing_ok=True)
     parameters = {"robot_driver": {"latency_file": str(latency_file), "push.duration": config.push_duration}}
     failure, recording = "", None
     fast: dict[str, float] = {}
-    model = RobotModel.load(robot)
     say(f"{model.name}: {model.nj} joints, {model.mass:.1f} kg; log: {out / 'graph.log'}")
     graph = Graph(robot, parameters=parameters, log=out / "graph.log", say=say)
     ending = ExitStack()  # the middleware is left last: it may block

@@ -261,8 +261,8 @@ def demo_stairs(robot: str = "g1", out: Path = Path("out")) -> int:
     scene = default_config(StairsScene, "bridge", "demo_stairs")
     terrain = terrain_named(scene.terrain)
     way = terrain.patch + 2.0 * ((terrain.count or 1) - 1) * terrain.size + terrain.landing + scene.behind
-    out.mkdir(parents=True, exist_ok=True)
     model = RobotModel.load(robot)
+    out.mkdir(parents=True, exist_ok=True)
     parameters = {"robot_driver": {"terrain": scene.terrain}, "range_sensor_node": {"terrain": scene.terrain}}
     graph = Graph(robot, specs=process_specs(terrain_map=True), parameters=parameters, log=out / "graph.log", say=say)
     failure, recording, landings = "", None, list[Landing]()

@@ -100,12 +100,20 @@ def test_wrong_robot_is_refused_by_name(tmp_path: Path) -> None:
     assert "unknown_robot" in (tmp_path / "log").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("option", ["--robot=unknown_robot", "--robots=robot_1=g1,robot_2=unknown_robot"])
-def test_an_unknown_robot_starts_nothing(monkeypatch: pytest.MonkeyPatch, option: str) -> None:
+@pytest.mark.parametrize(
+    "line",
+    [
+        *("up --robot unknown_robot", "up --robots robot_1=g1,robot_2=unknown_robot", "rehearse --robot unknown_robot"),
+        *("demo --robot unknown_robot", "demo --scene stairs --robot unknown_robot"),
+    ],
+)
+def test_an_unknown_robot_starts_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, line: str) -> None:
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("bridge.launch.graph.up", lambda *_, **__: 0)
     monkeypatch.setattr("bridge.launch.world.up_world", lambda *_, **__: 0)
-    result = CliRunner().invoke(app, ["up", option])
-    assert result.exit_code == 2 and "unknown robot 'unknown_robot'; known: g1" in result.output
+    result = CliRunner().invoke(app, line.split())
+    assert result.exit_code == 2 and result.output.startswith("unknown robot 'unknown_robot'; known: g1")
+    assert len(result.output.splitlines()) == 1 and list(tmp_path.iterdir()) == []
 
 
 def test_parameters_for_unknown_nodes_are_refused() -> None:
