@@ -2,6 +2,10 @@
 
 import os
 from pathlib import Path
+from zipfile import is_zipfile
+
+import numpy as np
+from numpy.lib.npyio import NpzFile
 
 from models.errors import ConfigError, PoiseError
 
@@ -18,6 +22,15 @@ def user_folder(name: str, variable: str, usual: str) -> Path:
 def state_folder(name: str) -> Path:
     """``poise/<name>`` in ``$XDG_STATE_HOME``, else ``~/.local/state``: files that programs write for themselves."""
     return user_folder(name, "XDG_STATE_HOME", ".local/state")
+
+
+def open_arrays(path: Path) -> NpzFile:
+    """Open an archive of ``np.savez``; ``OSError``, or ``ValueError`` for another or an incomplete file."""
+    with path.open("rb") as file:
+        if not is_zipfile(file):  # NumPy would advise to unpickle it
+            raise ValueError("no NumPy archive, or an incomplete one")
+    archive: NpzFile = np.load(path, allow_pickle=False)
+    return archive
 
 
 def part_beside(path: Path) -> Path:

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from models.errors import PoiseError
+from models.files import open_arrays
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
@@ -59,7 +60,7 @@ class Recording:
     def load(cls, path: Path) -> Recording:
         """Read a file of ``save``; ``PoiseError`` for any other file."""
         try:
-            with np.load(path, allow_pickle=False) as data:
+            with open_arrays(path) as data:
                 events = zip(data["event_times"].tolist(), data["event_texts"].tolist(), strict=True)
                 arrays = {name: data[name] for name in COLUMNS}
                 base = data["estimate"] if len(data["estimate"]) else None

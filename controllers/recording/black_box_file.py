@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from models.constants import NANOSECONDS
 from models.errors import PoiseError
-from models.files import state_folder
+from models.files import open_arrays, state_folder
 from models.law_state import Bytes
 from models.types import Matrix, Mode, SolveStatus, Vector
 
@@ -143,7 +143,7 @@ class BlackBoxRecord:
     def load(cls, path: Path) -> BlackBoxRecord:
         """Read a file of ``save``; PoiseError when it is not the file of a black box, or of another version."""
         try:
-            with np.load(path, allow_pickle=False) as data:
+            with open_arrays(path) as data:
                 meta = json.loads(str(data["meta"]))
                 if meta["format"] not in range(SINGLE, FORMAT + 1):
                     raise PoiseError(f"{path}: black box of format {meta['format']}; this reads {FORMAT}")

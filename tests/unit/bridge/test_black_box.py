@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from bridge.record.recording import Recording
 from bridge.replay.replay import replay_box
 from controllers.recording.black_box import BlackBox, BlackBoxConfig
 from controllers.recording.black_box_file import FORMAT, UNITS, BlackBoxFolder, BlackBoxRecord
@@ -191,9 +192,11 @@ def test_the_folder_is_the_users_by_default(monkeypatch: pytest.MonkeyPatch, tmp
 
 def test_what_is_no_black_box_is_refused(tmp_path: Path, g1: RobotModel) -> None:
     path = tmp_path / "a.npz"
-    path.write_bytes(b"PK\x03\x04 half a file")
-    with pytest.raises(PoiseError, match="not the file of a black box"):
-        BlackBoxRecord.load(path)
+    for contents in (b"", b"text", b"PK\x03\x04 half a file"):
+        path.write_bytes(contents)
+        for kind, name in ((BlackBoxRecord, "the file of a black box"), (Recording, "a recording")):
+            with pytest.raises(PoiseError, match=f"not {name}: no NumPy archive, or an incomplete one"):
+                kind.load(path)
     np.savez(path, t=np.zeros(3))
     with pytest.raises(PoiseError, match="not the file of a black box"):
         BlackBoxRecord.load(path)
