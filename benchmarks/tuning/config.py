@@ -104,8 +104,12 @@ class TuneConfig:
 
 def load_tune_config(name_or_path: str) -> TuneConfig:
     """A packaged search by name, or a file; ``ConfigError`` names file and key."""
-    path = Path(__file__).resolve().parents[1] / "config" / "tune" / f"{name_or_path}.yaml"
-    return load_config(TuneConfig, path if path.is_file() else Path(name_or_path))
+    folder = Path(__file__).resolve().parents[1] / "config" / "tune"
+    packaged = {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    path = packaged.get(name_or_path, Path(name_or_path))
+    if not path.exists() and not path.suffix:
+        raise ConfigError(f"unknown search '{name_or_path}'; known: {', '.join(packaged)} (or the path of a YAML file)")
+    return load_config(TuneConfig, path)
 
 
 def present(config: TuneConfig, robot: str) -> Parameters:

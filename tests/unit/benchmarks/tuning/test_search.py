@@ -294,6 +294,11 @@ def test_wrong_files_are_refused(changes: dict[str, Any], message: str, tmp_path
         load_tune_config(str(search_file(tmp_path, **changes)))
 
 
+def test_an_unknown_search_is_answered_with_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match="unknown search 'recover'; known: recovery"):
+        load_tune_config("recover")
+
+
 @pytest.mark.parametrize(
     ("name", "limits", "message"),
     [
