@@ -32,6 +32,8 @@ from models.robot_model import RobotModel
 from models.types import Mode, SensorData, Vector
 from tests.gantry import started
 
+pytestmark = pytest.mark.long
+
 A_BUTTON, B_BUTTON = 8, 9
 AFTERWARDS = (StartState.RELAX, StartState.DAMPED)
 
@@ -101,7 +103,6 @@ def test_the_stop_button_must_have_been_seen_to_work(loop: HardwareLoop, monkeyp
     assert not loop.plant.warnings
 
 
-@pytest.mark.long
 def test_it_waves_and_walks(standing: HardwareLoop) -> None:
     assert standing.stack.command("wave").accepted
     standing.run(7.0)
@@ -180,7 +181,6 @@ def test_a_robot_that_comes_off_the_rope_is_damped_and_not_prepared_where_it_lie
         loop.startup.prepare()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("lowered", [False, True])
 def test_a_robot_that_topples_before_it_stands_by_itself_is_damped(loop: HardwareLoop, lowered: bool) -> None:
     loop.reach(StartState.GANTRY)
@@ -196,7 +196,6 @@ def test_a_robot_that_topples_before_it_stands_by_itself_is_damped(loop: Hardwar
     assert damping(loop.link.sent[-1])
 
 
-@pytest.mark.long
 def test_no_robot_is_put_on_its_feet_under_a_hold(loop: HardwareLoop) -> None:
     loop.reach(StartState.GANTRY)
     loop.startup.confirm_gantry()
@@ -263,7 +262,7 @@ def torque(loop: HardwareLoop) -> Vector:
     )
 
 
-@pytest.mark.parametrize("state", [StartState.PREPARE, pytest.param(StartState.HELD, marks=pytest.mark.long)])
+@pytest.mark.parametrize("state", [StartState.PREPARE, StartState.HELD])
 def test_a_driver_that_hung_goes_on_with_damping(loop: HardwareLoop, state: StartState) -> None:
     """The guard has damped meanwhile, and the joints have sunk away from the stiff hold."""
     loop.start(state)
@@ -276,7 +275,6 @@ def test_a_driver_that_hung_goes_on_with_damping(loop: HardwareLoop, state: Star
     assert loop.startup.state is StartState.DAMPED and np.abs(torque(loop)).max() < 10.0
 
 
-@pytest.mark.long
 def test_after_a_crash_the_first_press_of_the_stop_button_damps(standing: HardwareLoop) -> None:
     standing.running -= {Process.DRIVER, Process.GUARD}
     standing.run(0.1)
@@ -292,7 +290,6 @@ def test_after_a_crash_the_first_press_of_the_stop_button_damps(standing: Hardwa
     assert "button B" in standing.startup.waits_for
 
 
-@pytest.mark.long
 def test_a_guard_that_still_damps_after_a_crash_is_ended_for_the_robots_own_controller(standing: HardwareLoop) -> None:
     standing.running.discard(Process.DRIVER)
     standing.run(0.1)
@@ -307,7 +304,6 @@ def test_a_guard_that_still_damps_after_a_crash_is_ended_for_the_robots_own_cont
     assert standing.startup.state is StartState.GANTRY
 
 
-@pytest.mark.long
 def test_a_robot_without_its_guard_is_not_released_and_not_prepared(loop: HardwareLoop) -> None:
     loop.reach(StartState.GANTRY)
     loop.running.discard(Process.GUARD)
@@ -396,7 +392,6 @@ def speeds(loop: HardwareLoop, time: float) -> tuple[float, float]:
     return float(largest[0]), float(largest[1])
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
 def test_a_lowered_robot_sinks_slowly(tmp_path: Path, seed: int) -> None:
     """One that is damped where it stands reaches 1.6 m/s at the pelvis and 2.7 m/s at the torso."""
@@ -413,7 +408,6 @@ def test_a_lowered_robot_sinks_slowly(tmp_path: Path, seed: int) -> None:
     assert loop.side.base[2] < 0.2 and damping(loop.link.sent[-1])
 
 
-@pytest.mark.long
 def test_only_a_robot_that_has_crouched_may_relax(standing: HardwareLoop) -> None:
     def refuses(reason: str) -> bool:
         with pytest.raises(CommandError, match=reason):
@@ -437,7 +431,7 @@ def test_only_a_robot_that_has_crouched_may_relax(standing: HardwareLoop) -> Non
     ("stop", "reason"),
     [
         (lambda loop: loop.side.press(B_BUTTON), "button B"),
-        pytest.param(lambda loop: loop.drivers.set_mode(Mode.DAMP), "mode damp was requested", marks=pytest.mark.long),
+        pytest.param(lambda loop: loop.drivers.set_mode(Mode.DAMP), "mode damp was requested"),
     ],
     ids=["remote controller", "mode"],
 )
@@ -462,7 +456,6 @@ def drift(loop: HardwareLoop) -> float:
     return float(np.linalg.norm((loop.side.base - begin)[:2]))
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("deviation", "mass", "forward"),
     [
