@@ -12,6 +12,7 @@ from models.robot_model import RobotModel
 from models.spline import blend_time, fade_out
 from models.trajectory import TrajectoryLimits, TrajectorySampler, validate_trajectory
 from models.types import JointTrajectory, Reference, Vector
+from planners.motion_config import MotionConfig
 
 STILL = 1e-9  #: Velocity that rounding leaves [rad/s]
 _POWERS = np.linspace(0.0, 1.0, 8)[:, None] ** np.arange(6)  #: Of instants on a segment
@@ -30,6 +31,7 @@ class MotionPlayer:
         self._model, self._config, self._head = model, config, head
         self._upper = UpperBodyMotion(model, config.motion_fade)
         self._limits = default_config(TrajectoryLimits, "models", "trajectory")
+        self._planned = default_config(MotionConfig, "planners", "motion").limits
         self.free = self._upper.free
         self.zero = np.zeros(model.nj)
         self._stand = model.posture("stand")
@@ -55,12 +57,12 @@ class MotionPlayer:
 
         A single point at rest that is due within ``setpoint_time_s`` takes this time where the motion before it is as
         close to its end, and its step from there is at most ``start_jump`` and the way at the present velocity: a
-        stream of them is followed smoothly. Otherwise it takes as long as the limits of setpoints require. A velocity
-        that the motion does not start with, as of a joint which it does not name, or which would take it beyond the
-        joint limits, fades out within ``stop_time_s``. A motion that does not end at rest slows down after its end like
-        a stopped one. While ``walking``, only arms and head follow, blended in and out; while ``stepping``, the gait
-        moves legs and torso until the motion ends. Raises ``TrajectoryError`` or ``JointNameError`` as
-        ``validate_trajectory`` does.
+        stream of them is followed smoothly. Otherwise it takes as long as the limits of planned motions require. A
+        velocity that the motion does not start with, as of a joint which it does not name, or which would take it
+        beyond the joint limits, fades out within ``stop_time_s``. A motion that does not end at rest slows down after
+        its end like a stopped one. While ``walking``, only arms and head follow, blended in and out; while
+        ``stepping``, the gait moves legs and torso until the motion ends. Raises ``TrajectoryError`` or
+        ``JointNameError`` as ``validate_trajectory`` does.
         """
         start, speed = self._start(reference, trajectory)
         if walking:
@@ -141,7 +143,7 @@ class MotionPlayer:
         return self._head.without_head(reference, motion)
 
     def _setpoint_times(self, setpoint: JointTrajectory, start: Vector, speed: Vector) -> Vector:
-        """Time of a lone point (1,) [s]: as given, or as the limits of setpoints require; errors as of ``follow``."""
+        """Time of a lone point (1,) [s]: as given, or as planned motions would take; errors as of ``follow``."""
         validate_trajectory(setpoint, self._model)
         config, model = self._config, self._model
         if setpoint.times[0] > config.setpoint_time_s:
@@ -156,8 +158,8 @@ class MotionPlayer:
         reach = self._limits.start_jump + min(self._time, config.setpoint_time_s) * np.abs(speed[joints])
         if left <= config.setpoint_time_s and (np.abs(step) <= reach).all():
             return np.array([config.setpoint_time_s])
-        v_max = config.setpoint_velocity * model.v_max[joints]
-        return np.array([max(blend_time(way, v_max, config.setpoint_acceleration), config.setpoint_time_s)])
+        v_max = self._planned.velocity_fraction * model.v_max[joints]
+        return np.array([max(blend_time(way, v_max, self._planned.acceleration), config.setpoint_time_s)])
 
     def _slow_down(self, start: Vector, speed: Vector) -> None:
         """Come to rest from a posture (nj,) [rad] and its velocity (nj,) [rad/s]."""

@@ -181,8 +181,6 @@ class BalanceConfig(DcmFeedback):
     anchor_time_s: Positive  #: Time constant with which footholds and references follow the soles that bear load [s]
     stop_time_s: Positive  #: Time in which a motion that is stopped comes to rest [s]
     setpoint_time_s: Positive  #: Least time in which a lone point without velocities is reached [s]
-    setpoint_velocity: Share  #: Share of a joint's velocity limit with which such a point is approached [-]
-    setpoint_acceleration: Positive  #: Largest acceleration with which it is approached from rest [rad/s^2]
     foothold_load: Share  #: Share of the weight that a foot must bear for its foothold to follow it [-]
 
 

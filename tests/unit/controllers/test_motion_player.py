@@ -9,9 +9,11 @@ from msgspec.structs import replace
 
 from controllers.balance.motion_player import MotionPlayer
 from controllers.whole_body.config import load_balance_config
+from models.config import default_config
 from models.errors import TrajectoryError
 from models.robot_model import RobotModel
 from models.types import JointTrajectory, Reference, Vector
+from planners.motion_config import MotionConfig
 from tests.unit.controllers.test_upper_body import reference
 
 DT, SPEED = 0.001, 2.0
@@ -103,7 +105,10 @@ def test_a_setpoint_far_away_is_reached_at_a_sane_speed(g1: RobotModel, due: flo
     played.player.reset(played.begin)
     played.last = played.player.step(DT)
     played.follow((MOVED,), [due], np.array([[played.begin[played.joint] - 1.0]]))
-    assert np.abs(played.to_the_end()[:, 2]).max() < 1.01 * load_balance_config(g1).setpoint_acceleration
+    assert (
+        np.abs(played.to_the_end()[:, 2]).max()
+        < 1.01 * default_config(MotionConfig, "planners", "motion").limits.acceleration
+    )
 
 
 @pytest.mark.parametrize("lost", [5, 10, 10**9])
