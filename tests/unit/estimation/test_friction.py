@@ -24,19 +24,33 @@ def sole_wrench(model: RobotModel, ratio: float) -> np.ndarray:
     return weight * np.array([ratio, 0.0, 1.0, y, -x, -y * ratio])
 
 
+def rotation(pitch: float) -> np.ndarray:
+    """About y (3, 3)."""
+    c, s = np.cos(pitch), np.sin(pitch)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
 class Ground:
     """The left sole bears the weight and slides against the ground's force, or holds; the right one is in the air."""
 
     def __init__(self, model: RobotModel, **changed: float) -> None:
         self.model, self.law = model, FrictionEstimator(model, replace(CONFIG, **changed), GRAVITY)
-        self.soles = np.zeros((2, 2))
+        self.soles, self.pitch = np.zeros((2, 2)), 0.0
 
-    def run(self, ratio: float, duration: float, *, speed: float = 0.0, flat: float = 1.0, angle: float = 0.0) -> float:
-        """Coefficient after ``duration`` [s]; ``angle`` [rad] is between the velocity and the way against the force."""
+    def run(
+        self, ratio: float, duration: float, *, speed: float = 0.0, flat: float = 1.0, angle: float = 0.0,
+        turning: float = 0.0,
+    ) -> float:  # fmt: skip
+        """Coefficient after ``duration`` [s].
+
+        ``angle`` [rad] is between the velocity and the way against the force, ``turning`` the rate of pitch [rad/s].
+        """
         wrenches, slips = np.array([sole_wrench(self.model, ratio), np.zeros(6)]), np.array([float(speed > 0.0), 0.0])
         for _ in range(round(duration / DT)):
             self.soles[0] -= speed * DT * np.array([np.cos(angle), np.sin(angle)])
-            watch_friction(wrenches, np.array([flat, 0.0]), slips, self.soles, ROTATIONS, DT, self.law.memory)
+            self.pitch += turning * DT
+            rotations = ROTATIONS if self.pitch == 0.0 else np.stack([rotation(self.pitch), np.eye(3)])
+            watch_friction(wrenches, np.array([flat, 0.0]), slips, self.soles, rotations, DT, self.law.memory)
         return float(self.law.coefficient[0])
 
 
@@ -75,6 +89,17 @@ def test_slow_motion_and_tipping_are_no_slides(ground: Ground, speed: float, fla
 def test_a_sole_that_moves_along_the_force_or_across_does_not_slide(ground: Ground, angle: float) -> None:
     before = ground.law.coefficient[0]
     assert ground.run(0.2, 0.5, speed=0.1, angle=angle) == before
+
+
+def test_a_sole_that_turns_over_an_edge_does_not_slide(ground: Ground) -> None:
+    before = ground.law.coefficient[0]
+    assert ground.run(0.2, 0.1, speed=0.1, turning=2.0) == before
+    assert ground.run(0.2, CONFIG.still_time, speed=0.1) == before
+    assert ground.run(0.2, 0.2, speed=0.1) == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_sole_that_turns_slowly_slides(ground: Ground) -> None:
+    assert ground.run(0.25, 0.2, speed=0.1, turning=0.2) == pytest.approx(0.25, abs=0.01)
 
 
 def test_the_force_turns_with_the_sole(ground: Ground, monkeypatch: pytest.MonkeyPatch) -> None:
