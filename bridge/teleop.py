@@ -185,11 +185,13 @@ class Gamepad:
 
     def _bytes(self) -> bytes:
         try:
-            return os.read(self._file, 64 * EVENT.size)
+            if read := os.read(self._file, 64 * EVENT.size):
+                return read
         except BlockingIOError:
             return b""
         except OSError as error:
             raise PoiseError(f"{self._device}: the gamepad is gone: {error.strerror}") from error
+        raise PoiseError(f"{self._device} is no gamepad, or it is gone: it has no more events; try /dev/input/js0")
 
 
 #: Actions other than words of the robot, and the word for the second: it also ends motions

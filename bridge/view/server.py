@@ -62,7 +62,7 @@ def serve(host: str, port: int, robot: str) -> tuple[Any, str]:
             if "Accept-Encoding" in request.headers:
                 del request.headers["Accept-Encoding"]  # the script goes into the plain text
             response = process_request(connection, request)
-            if response is not None and response.headers["Content-Type"].startswith("text/html"):
+            if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
                 response.body = response.body.replace(b"<head>", b"<head><script>%b</script>" % script, 1)
                 del response.headers["Content-Length"]
                 response.headers["Content-Length"] = str(len(response.body))

@@ -283,7 +283,8 @@ class SupervisorNode(PoiseNode):
 
     def _answer(self, response: Any, act: Callable[..., CommandReply], *arguments: str) -> Any:
         """The response of a service that the active node carries out."""
-        reply = act(*arguments) if self.active else CommandReply(False, "the supervisor is not active")
+        inactive = f"the supervisor is not active: ros2 lifecycle set {self.get_fully_qualified_name()} activate"
+        reply = act(*arguments) if self.active else CommandReply(False, inactive)
         response.success, response.message = reply.accepted, reply.reason
         return response
 

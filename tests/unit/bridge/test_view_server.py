@@ -57,6 +57,11 @@ def test_the_link_opens_the_page_and_its_cookie_opens_the_websocket(link: str) -
     websocket(f"ws://{host}/?token={token}", f"http://{host}")
 
 
+def test_an_unknown_page_is_not_found(link: str) -> None:
+    host, query = urlsplit(link).netloc, urlsplit(link).query
+    assert get(f"http://{host}/absent.html?{query}")[0] == 404
+
+
 @pytest.mark.parametrize("given", ["", "?token=", "?token=guess"])
 def test_without_the_token_nothing_is_served_and_the_answer_names_the_remedy(link: str, given: str) -> None:
     host = urlsplit(link).netloc
