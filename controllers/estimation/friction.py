@@ -20,8 +20,7 @@ class FrictionLimits(NamedTuple):
     flat: float
     speed: float
     opposed: float
-    turning: float
-    still_time: float
+    turn_time: float
     filter_time: float
     slide_time: float
     held: float
@@ -37,9 +36,11 @@ class FrictionMemory(NamedTuple):
     limits: FrictionLimits
     rectangles: Array  # of the soles (2, 4) [m]
     demands: Array  # low-passed (2,) [-]
-    places: Array  # of the soles in the last tick, and x and y of their normals; NaN before the first one (2, 4) [m, -]
-    velocities: Array  # of both, low-passed (2, 4) [m/s, rad/s]
-    still: Array  # time since each sole has last turned (2,) [s]
+    places: Array  # of the soles in the last tick; NaN before the first one (2, 2) [m]
+    velocities: Array  # of the soles, low-passed (2, 2) [m/s]
+    normals: Array  # x and y of the soles' normals in the last tick; NaN before the first one (2, 2) [-]
+    rates: Array  # of the normals, low-passed (2, 2) [rad/s]
+    turning: Array  # how fast each sole has turned, decaying with ``turn_time`` (2,) [rad/s]
     coefficient: Array  # (1,)
 
 
@@ -74,24 +75,27 @@ def watch_friction(
     (2,) [-], ``slipping`` is 1 where a foot slips (2,), ``soles`` are the estimated places, x and y first, in W
     (2, 3) [m], ``rotations`` theirs to W (2, 3, 3).
     """
-    limits, rectangles, demands, places, velocities, still, coefficient = memory
+    limits, rectangles, demands, places, velocities, normals, rates, turning, coefficient = memory
     share = min(dt / limits.filter_time, 1.0)
     for foot in range(2):
-        for i in range(4):
-            place = soles[foot, i] if i < 2 else rotations[foot, i - 2, 2]
+        square = rate = 0.0
+        for i in range(2):
+            place, normal = soles[foot, i], rotations[foot, i, 2]
             way = place - places[foot, i] if math.isfinite(places[foot, i]) else 0.0
-            places[foot, i] = place
+            turn = normal - normals[foot, i] if math.isfinite(normals[foot, i]) else 0.0
+            places[foot, i], normals[foot, i] = place, normal
             velocities[foot, i] += share * (way / dt - velocities[foot, i])
-        square = velocities[foot, 0] ** 2 + velocities[foot, 1] ** 2
-        turning = velocities[foot, 2] ** 2 + velocities[foot, 3] ** 2
-        still[foot] = still[foot] + dt if turning < limits.turning**2 else 0.0
+            rates[foot, i] += share * (turn / dt - rates[foot, i])
+            square += velocities[foot, i] ** 2
+            rate += rates[foot, i] ** 2
+        turning[foot] = max(math.sqrt(rate), turning[foot] * (1.0 - min(dt / limits.turn_time, 1.0)))
         if wrenches[foot, 2] < limits.load or confidence[foot] < limits.flat:
             demands[foot] = -1.0
             continue
         demand = friction_demand(wrenches[foot], rectangles[foot])
         demands[foot] += (share if demands[foot] >= 0.0 else 1.0) * (demand - demands[foot])
-        demand, slides = demands[foot], slipping[foot] > 0.0 and square > limits.speed**2
-        slides = slides and still[foot] > limits.still_time
+        least = max(limits.speed, 0.5 * (rectangles[foot, 1] - rectangles[foot, 0]) * turning[foot])
+        demand, slides = demands[foot], slipping[foot] > 0.0 and square > least**2
         if slides:
             pull, power = 0.0, 0.0
             for i in range(2):
@@ -118,11 +122,12 @@ class FrictionEstimator:
     of pressure, ``l`` the mean distance of the corners from there, weighted by their load. A sole slides when
     ``SlipMonitor`` finds a slip, it moves faster than ``speed``, and the ground's force opposes its velocity, as
     friction does: with joint states that are late by T, a sole that holds seems to move by T times the acceleration of
-    the base, along the force. Nor does a sole slide that has turned about a horizontal axis within ``still_time``:
-    turning over an edge moves it too, and the filter, which held it for flat, follows with a delay. The demand of a
-    sole that slides is the coefficient then. A sole that holds shows that the coefficient is at least d; the estimate
-    rises slowly to more, by ``1 / s``, until the sole slides again. Only soles with load and a centre of pressure away
-    from the edges count: one that tips or has just landed moves as well.
+    the base, along the force. Besides, a sole that turns about a horizontal axis, over the edge of a tile, moves by up
+    to half its length times the rate, and the filter, which assumes that it is flat, follows with a delay. So a sole
+    slides only if it is faster than that, with the rate decaying with ``turn_time``. The demand of a sole that slides
+    is the coefficient then. A sole that holds shows that the coefficient is at least d; the estimate rises slowly to
+    more, by ``1 / s``, until the sole slides again. Only soles with load and a centre of pressure away from the edges
+    count: one that tips or has just landed moves as well.
 
     ``coefficient`` (1,) starts at the expected one of the configuration, or that of the robot's profile.
 
@@ -138,8 +143,7 @@ class FrictionEstimator:
             flat=config.flat,
             speed=config.speed,
             opposed=config.opposed,
-            turning=config.turning,
-            still_time=config.still_time,
+            turn_time=config.turn_time,
             filter_time=config.filter_time,
             slide_time=config.slide_time,
             held=config.held,
@@ -150,13 +154,14 @@ class FrictionEstimator:
         )
         rectangles = np.array([foot.rectangle for foot in model.feet], dtype=np.float64)
         self.coefficient = np.array([start])
-        arrays = np.zeros(2), np.full((2, 4), np.nan), np.zeros((2, 4)), np.zeros(2), self.coefficient
-        self.memory = FrictionMemory(limits, rectangles, *arrays)
+        places, velocities, normals, rates = np.zeros((4, 2, 2))
+        motion = places, velocities, normals, rates, np.zeros(2)
+        self.memory = FrictionMemory(limits, rectangles, np.zeros(2), *motion, self.coefficient)
         self.reset()
 
     def reset(self) -> None:
         """Start over from the expected coefficient."""
         memory = self.memory
-        memory.demands[:], memory.places[:], memory.velocities[:] = -1.0, np.nan, 0.0
-        memory.still[:] = memory.limits.still_time
+        memory.demands[:], memory.places[:], memory.normals[:] = -1.0, np.nan, np.nan
+        memory.velocities[:], memory.rates[:], memory.turning[:] = 0.0, 0.0, 0.0
         self.coefficient[0] = memory.limits.start
