@@ -66,6 +66,7 @@ class Client:
         status: Newest status of the supervisor; None before the first.
         driver_state: Newest word on ``driver_state``; empty before the first.
         limited: How the gait planner limits the commanded velocity; empty while it does not.
+        gait_known: Whether the gait planner has said so.
         commander: Source in command, of ``commands/active``; empty before the first word.
         factor: Ratio of the robot's time to real time, 0 while it stands still; NaN before the first.
         node: The node, for further topics and services inside the ``with`` block.
@@ -76,6 +77,7 @@ class Client:
         self._network, self._signer = network, signer
         self.mode = ""
         self.driver_state = self.limited = self.commander = ""
+        self.gait_known = False
         self.factor = math.nan
         self.motions: list[MotionStatus] = []
         self.status: SupervisorStatus | None = None
@@ -117,7 +119,7 @@ class Client:
         return self.mode == Mode.WALK.value
 
     def _on_gait(self, status: GaitStatus) -> None:
-        self.limited = status.limited
+        self.limited, self.gait_known = status.limited, True
 
     def _on_status(self, status: SupervisorStatus) -> None:
         self.status = status
@@ -289,7 +291,7 @@ class Client:
 
 
 ROBOT_TIMEOUT = 2.0  #: Longest wait for a robot [s]
-TOPICS_TIMEOUT = 1.0  #: Longest wait for the other topics after that [s]
+TOPICS_TIMEOUT = 3.0  #: Longest wait for the other topics after that [s]
 
 
 def overview(client: Client) -> dict[str, str]:
@@ -300,7 +302,8 @@ def overview(client: Client) -> dict[str, str]:
 
     def complete() -> bool:
         real = client.node.count_publishers(topics.START_STATUS) > 0
-        known = client.commander and client.driver_state and not math.isnan(client.factor)
+        gait = client.gait_known or client.mode != Mode.WALK.value
+        known = client.commander and client.driver_state and gait and not math.isnan(client.factor)
         return bool(known and (start or not real))
 
     client.wait(complete, TOPICS_TIMEOUT)

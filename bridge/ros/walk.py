@@ -125,8 +125,10 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
 
     ``goal`` is x [m], y [m] and heading [rad] of the middle between the soles, in ``odom``. The reply is accepted when
     the robot arrived. ``around`` sets the gait planner's parameter of that name before, None leaves it. Raises
-    ``CommandError`` without a subscriber or an answer.
+    ``CommandError`` for a goal that is not finite, and without a subscriber or an answer.
     """
+    if not all(map(math.isfinite, goal)):
+        raise CommandError(f"goal {goal}: x [m], y [m] and heading [rad] must be finite")
     if around is not None:
         client.set_parameter("gait_planner", "around", around)
     clock = RobotClock(client)
@@ -153,7 +155,9 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
     if not routes:
         return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
     clock.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
-    stood = _stand(client, clock, f"goal {routes[-1]}")
+    obstacle = client.status.obstacle if client.status is not None else ""
+    why = f": {obstacle}" if obstacle and routes[-1].state is not RouteState.DONE and not routes[-1].reason else ""
+    stood = _stand(client, clock, f"goal {routes[-1]}{why}")
     return CommandReply(stood.accepted and routes[-1].state is RouteState.DONE, stood.reason)
 
 

@@ -1,6 +1,7 @@
 """The command line's client and the demonstration's observer, against a graph of a few fake topics."""
 
 import fcntl
+import math
 import os
 import re
 import subprocess
@@ -204,6 +205,29 @@ def test_a_walk_that_the_robot_does_not_follow_is_reported(
         reply = walk.walk(client, (0.2, 0.0, 0.0), 0.5)
     assert reply.accepted is not bool(reason) and reason in reply.reason
     other.destroy_node()
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_a_goal_that_is_not_finite_is_refused_before_anything_moves(supervisor: FakeSupervisor, bad: float) -> None:
+    with Client() as client:
+        with pytest.raises(CommandError, match="goal .*heading .* must be finite"):
+            walk.walk_to(client, (1.0, 0.0, bad))
+        client.robot()
+        assert client.mode == "stand"
+
+
+def test_the_overview_waits_for_the_limit_of_a_walk(supervisor: FakeSupervisor) -> None:
+    supervisor.mode.publish(String(data="walk"))
+    supervisor.commander.publish(String(data="plain"))
+    supervisor.factor.publish(Float64(data=1.0))
+    StatusTopic(supervisor, topics.START_STATUS, LATCHED).publish(StartStatus("standing"))
+    late = threading.Timer(0.5, lambda: supervisor.gait.publish(GaitStatus(True, False, "stopped: a kerb")))
+    late.start()
+    with Client() as client:
+        client.wait(lambda: bool(client.commander and not math.isnan(client.factor)), 10.0)
+        client.driver_state = "active"
+        assert overview(client)["walk"] == "stopped: a kerb"
+    late.join()
 
 
 def test_a_pause_is_named(supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch) -> None:
