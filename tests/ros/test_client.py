@@ -210,7 +210,7 @@ def test_a_walk_that_the_robot_does_not_follow_is_reported(
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_a_goal_that_is_not_finite_is_refused_before_anything_moves(supervisor: FakeSupervisor, bad: float) -> None:
     with Client() as client:
-        with pytest.raises(CommandError, match="goal .*heading .* must be finite"):
+        with pytest.raises(CommandError, match=r"goal .*heading .* must be finite"):
             walk.walk_to(client, (1.0, 0.0, bad))
         client.robot()
         assert client.mode == "stand"
