@@ -155,10 +155,10 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
     if not routes:
         return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
     clock.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
-    obstacle = client.status.obstacle if client.status is not None else ""
-    why = f": {obstacle}" if obstacle and routes[-1].state is not RouteState.DONE and not routes[-1].reason else ""
+    done, obstacle = routes[-1].state is RouteState.DONE, client.status.obstacle if client.status is not None else ""
+    why = f"; {obstacle}" if obstacle and not done else ""
     stood = _stand(client, clock, f"goal {routes[-1]}{why}")
-    return CommandReply(stood.accepted and routes[-1].state is RouteState.DONE, stood.reason)
+    return CommandReply(stood.accepted and done, stood.reason)
 
 
 def reset(client: Client) -> CommandReply:

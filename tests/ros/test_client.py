@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import rclpy
 from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import Twist, WrenchStamped
+from geometry_msgs.msg import PoseStamped, Twist, WrenchStamped
 from msgspec.structs import replace
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
@@ -48,7 +48,15 @@ from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR, STATE
 from models.nodes.services import PACKAGE
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.status import GaitStatus, MotionState, MotionStatus, StartStatus, SupervisorStatus
+from models.status import (
+    GaitStatus,
+    MotionState,
+    MotionStatus,
+    RouteState,
+    RouteStatus,
+    StartStatus,
+    SupervisorStatus,
+)
 from models.types import Mode
 from tests.ros.conftest import StatusTopic
 from tests.support import standing
@@ -214,6 +222,18 @@ def test_a_goal_that_is_not_finite_is_refused_before_anything_moves(supervisor: 
             walk.walk_to(client, (1.0, 0.0, bad))
         client.robot()
         assert client.mode == "stand"
+
+
+def test_the_obstacle_that_ended_a_goal_is_named(supervisor: FakeSupervisor) -> None:
+    supervisor.record = replace(supervisor.record, holds=(), obstacle="stopped: obstacle 0.42 m ahead")
+    routes = StatusTopic(supervisor, topics.ROUTE_STATUS)
+    ended = RouteStatus(RouteState.ENDED, 3, "stopped")
+    supervisor.create_subscription(PoseStamped, topics.GOAL_POSE, lambda goal: routes.publish(ended), EVENT)
+    margin = supervisor.create_publisher(Float64, topics.GAIT_CAPTURE_MARGIN, SENSOR)
+    supervisor.create_timer(0.05, lambda: margin.publish(Float64()))
+    with Client() as client:
+        reply = walk.walk_to(client, (1.0, 0.0, 0.0))
+    assert not reply.accepted and "goal ended: stopped; stopped: obstacle 0.42 m ahead" in reply.reason
 
 
 def test_the_overview_waits_for_the_limit_of_a_walk(supervisor: FakeSupervisor) -> None:
