@@ -143,6 +143,8 @@ class SwingConfig:
     trip_speed: Share  #: Share of the reference's speed below which it then has [-]
     trip_filter: Positive  #: Time constant of the measured speed [s]
     trip_time: Positive  #: Time for which a foot that tripped only rises [s]
+    trip_back: NonNegative  #: Distance by which it is drawn back from where it was caught [m]
+    trip_landing: Positive  #: Least time from the end of that rise to the touchdown [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

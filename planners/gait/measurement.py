@@ -33,6 +33,7 @@ class Measurement(Struct, frozen=True):
     cops: Matrix  # in the frame of each sole; without load, that of the last tick with load (2, 2) [m]
     loads: tuple[float, float]  # vertical force on each sole, share of the weight [-]
     active: tuple[bool, bool]  # contact of each foot, by the estimator
+    upright: tuple[bool, bool]  # the force on each sole points more up than aside: from the ground, not from its edges
 
     def dcm(self, omega: float) -> Vector:
         """``xi = c + c' / omega``, horizontal (2,) [m]."""
@@ -110,7 +111,7 @@ class GaitMeasurement:
         cops = np.zeros((2, 2)) if last is None else last.cops.copy()
         left, right = state.contacts
         wrenches = left.wrench, right.wrench
-        first, second, loads = _measure(
+        first, second, loads, upright = _measure(
             motion, *wrenches, self._weight, areas, slope, self._rims, body, tilts, turning, cops
         )
         return Measurement(
@@ -122,6 +123,7 @@ class GaitMeasurement:
             cops=cops,
             loads=loads,
             active=(left.active, right.active),
+            upright=upright,
         )
 
     def _move(self, state: RobotState) -> None:
@@ -146,8 +148,8 @@ def _measure(
     tilts: Matrix,
     turning: Matrix,
     cops: Matrix,
-) -> tuple[Place, Place, Point]:
-    """Place of each sole, and its load as a share of the ``weight`` [N].
+) -> tuple[Place, Place, Point, tuple[bool, bool]]:
+    """Place of each sole, its load as a share of the ``weight`` [N], and ``upright`` of ``Measurement``.
 
     Fills the fields ``tilts``, ``turning`` and ``cops`` of ``Measurement``, and CoM and its velocity ``body`` (2, 3).
     """
@@ -174,7 +176,14 @@ def _measure(
             tilts[foot, 1] += math.sin(yaw) * along + math.cos(yaw) * across
         if wrench[2] / weight > _LOADED:
             cops[foot, 0], cops[foot, 1] = -wrench[4] / wrench[2], wrench[3] / wrench[2]
-    return _place(poses[0], pivots[0]), _place(poses[1], pivots[1]), (left[2] / weight, right[2] / weight)
+    loads, from_below = (left[2] / weight, right[2] / weight), (_upright(left), _upright(right))
+    return _place(poses[0], pivots[0]), _place(poses[1], pivots[1]), loads, from_below
+
+
+@register_jitable
+def _upright(wrench: Vector) -> bool:
+    """Whether the force is within 45 degrees of the sole's normal."""
+    return bool(math.hypot(wrench[0], wrench[1]) <= wrench[2])
 
 
 @register_jitable

@@ -81,11 +81,12 @@ class SingleSupport:
         target_velocity = self._shift_late_target(gait, dt) if left < 0.0 else (0.0, 0.0)
         target, sole, urgent = gait.soles.holds[foot], measured.soles[foot], gait.step.urgent
         yaw = float(gait.swing.position[3])
-        height = self._soles.landing_height(gait.soles, foot, measured)
+        level = self._soles.landing_height(gait.soles, foot, measured)
+        height = max(level, min(gait.swing.edge, level + config.ground.rough_max))
         pose = np.array([target.x, target.y, height, yaw + wrap(target.yaw - yaw)])
         swing = gait.swing
         if not urgent:  # the lag of an urgent foot would count as a trip
-            swing = self._swing.detect_trip(swing, sole.x, sole.y, elapsed, gait.step.time, dt)
+            swing = self._swing.detect_trip(swing, sole, elapsed, gait.step.time, dt)
             if swing.trips > gait.swing.trips:
                 before, gait.soles = gait.soles.roughness, self._soles.tripped(gait.soles)
                 swing = structs.replace(swing, clearance=swing.clearance + gait.soles.roughness - before)
@@ -98,9 +99,9 @@ class SingleSupport:
         return cmp_offset
 
     def lands(self, gait: GaitState) -> bool:
-        """Whether the swing foot bears load, ``landing_from`` of the step after it left the floor."""
-        least = self._config.timing.landing_from * gait.step.time
-        return gait.measured.active[1 - gait.stance] and gait.elapsed > least
+        """Whether ground under the swing foot bears load, ``landing_from`` of the step after it left the floor."""
+        foot, least = 1 - gait.stance, self._config.timing.landing_from * gait.step.time
+        return gait.measured.active[foot] and gait.measured.upright[foot] and gait.elapsed > least
 
     def reference(self, gait: GaitState) -> tuple[DcmState, Vector]:
         """DCM reference of the rest of the swing, and present CMP minus CoP (2,) [m].
@@ -117,7 +118,7 @@ class SingleSupport:
 
     def compile_rest(self, gait: GaitState) -> None:
         """Compile the kernels that the first step does not call."""
-        self._swing.detect_trip(gait.swing, 0.0, 0.0, 0.0, 1.0, 1.0)
+        self._swing.detect_trip(gait.swing, gait.step.liftoff, 0.0, 1.0, 1.0)
         self.plan.height_at_touchdown(walk_of(gait, gait.step.liftoff))
 
     def _adjust(self, gait: GaitState, elapsed: float) -> None:

@@ -15,7 +15,7 @@ from models.spline import quintic_step
 from models.types import Matrix, Vector
 from planners.gait.config import SwingConfig
 from planners.gait.footing import FLAT, ToeOff, turned_about
-from planners.gait.footsteps import Point
+from planners.gait.footsteps import Foothold, Point
 from planners.gait.tread import SwingShares, clearance_over, swing_shares
 
 X, Y, Z, YAW = range(4)
@@ -65,6 +65,7 @@ class SwingLimits(NamedTuple):
     trip_speed: float  # [-]
     trip_filter: float  # [s]
     trip_time: float  # [s]
+    trip_back: float  # [m]
 
 
 #: Measured motion of the swing foot, by which a trip is detected: place in W, and that one tick earlier [m], speed,
@@ -88,6 +89,7 @@ class SwingState(Struct, frozen=True):
     rising_until: float = 0.0  # time since lift-off until which the foot only rises [s]
     place: Point | None = None  # measured at the last tick, in W [m]; None at lift-off
     speed: Point = (0.0, 0.0)  # measured velocity, filtered [m/s]
+    edge: float = -math.inf  # height of the foot as it tripped: what caught it is at least as high [m]
 
     @property
     def position(self) -> Vector:
@@ -152,8 +154,8 @@ class SwingFoot:
     ``swing_shares``.
 
     A foot that stays behind its reference and hardly moves has tripped, over the edge of a tile for instance. The
-    harder it is pushed on, the faster friction holds it. Its reference returns to the measured place, and on the way
-    up it only rises for ``trip_time``.
+    harder it is pushed on, the faster friction holds it. Its reference goes back to ``trip_back`` behind the measured
+    place, and before the planned touchdown it only rises for ``trip_time``.
     """
 
     def __init__(self, config: SwingConfig) -> None:
@@ -197,15 +199,19 @@ class SwingFoot:
             motion[2, :Z] -= braking
         return SwingState(motion, float(pose[Z]), clearance, duration, start, braking, tilt, shares, rise, trips)
 
-    def detect_trip(
-        self, swing: SwingState, x: float, y: float, elapsed: float, duration: float, dt: float
-    ) -> SwingState:
-        """Return to the measured place x, y of the sole in W [m] when the foot has tripped; times in [s]."""
-        motion = swing.motion.copy()
-        track = (x, y), swing.place or (x, y), swing.speed, swing.rising_until
-        tripped, rising_until, speed = _return_tripped(self._limits, motion, track, elapsed, duration, dt)
+    def detect_trip(self, swing: SwingState, sole: Foothold, elapsed: float, duration: float, dt: float) -> SwingState:
+        """Draw back from the measured place of the sole when the foot has tripped; times in [s]."""
+        motion, place = swing.motion.copy(), (sole.x, sole.y)
+        track = place, swing.place or place, swing.speed, swing.rising_until
+        tripped, rising_until, speed = _draw_back_tripped(self._limits, motion, track, elapsed, duration, dt)
         return structs.replace(
-            swing, motion=motion, trips=swing.trips + tripped, rising_until=rising_until, place=(x, y), speed=speed
+            swing,
+            motion=motion,
+            trips=swing.trips + tripped,
+            rising_until=rising_until,
+            place=place,
+            speed=speed,
+            edge=sole.z if tripped else swing.edge,
         )
 
     def step(
@@ -267,10 +273,10 @@ def _braking(start: Point, target: Sequence[float], duration: float, effort: flo
 
 
 @njit(cache=True)
-def _return_tripped(
+def _draw_back_tripped(
     constants: Unboxed[SwingLimits], motion: Matrix, track: FootTrack, elapsed: float, duration: float, dt: float
 ) -> tuple[bool, float, Point]:
-    """Return the motion (3, 4) to the measured place when the foot has tripped.
+    """Draw the motion (3, 4) back from the measured place when the foot has tripped.
 
     Returns whether it has, and the new ``rising_until`` [s] and speed [m/s] of the track.
     """
@@ -278,14 +284,15 @@ def _return_tripped(
     share = min(dt / limits.trip_filter, 1.0)
     vx, vy = vx + share * ((x - last_x) / dt - vx), vy + share * ((y - last_y) / dt - vy)
     planned_x, planned_y = motion[1, X], motion[1, Y]
-    speed_min = limits.trip_speed * (planned_x * planned_x + planned_y * planned_y)
-    stuck = vx * planned_x + vy * planned_y < speed_min
+    planned = math.hypot(planned_x, planned_y)
+    stuck = vx * planned_x + vy * planned_y < limits.trip_speed * planned * planned
     lag = math.hypot(motion[0, X] - x, motion[0, Y] - y)
     tripped = lag >= limits.trip_lag and stuck and elapsed >= rising_until
     if tripped:
-        motion[0, X], motion[0, Y] = x, y
+        back = limits.trip_back / max(planned, 1e-6)
+        motion[0, X], motion[0, Y] = x - back * planned_x, y - back * planned_y
         motion[1:, :Z] = 0.0
-        if elapsed < limits.shape.apex * duration:
+        if elapsed < duration:
             rising_until = elapsed + limits.trip_time
     return tripped, rising_until, (vx, vy)
 

@@ -27,7 +27,7 @@ def measured(
 ) -> Measurement:
     still, flat = np.zeros((2, 2)), np.zeros(3)
     soles = Foothold(0.0, 0.1, 0.0, left_z), Foothold(0.0, -0.1, 0.0, right_z)
-    return Measurement(flat, flat, soles, np.array([tilt, tilt]), still, still, loads, (True, True))
+    return Measurement(flat, flat, soles, np.array([tilt, tilt]), still, still, loads, (True, True), (True, True))
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import pytest
 from models.config import default_config
 from models.spline import quintic_step
 from planners.gait.config import GaitConfig
+from planners.gait.footsteps import Foothold
 from planners.gait.swing import SwingFoot, SwingState
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
@@ -83,6 +84,10 @@ def test_a_late_foot_does_not_lag_behind_a_target_that_moves() -> None:
 TARGET = np.array([0.3, 0.1, 0.0, 0.0])
 
 
+def at_place(x: float, y: float) -> Foothold:
+    return Foothold(float(x), float(y), 0.0, 0.02)
+
+
 def tripped(at: float, lag: float, pace: float = 0.0) -> tuple[SwingState, float]:
     """A foot that stops, or goes on at a share of its pace, ``lag`` behind its reference, and is checked at a time.
 
@@ -94,10 +99,10 @@ def tripped(at: float, lag: float, pace: float = 0.0) -> tuple[SwingState, float
         foot = FOOT.step(foot, TARGET, LEVEL, (i + 1) * DT, DURATION, DT)
     place, ticks, speed = foot.position[:2].copy(), round(6 * CONFIG.trip_filter / DT), pace * foot.velocity[0]
     for i in range(ticks):  # its recent motion, close enough to its reference
-        foot = FOOT.detect_trip(foot, place[0] - speed * (ticks - 1 - i) * DT, place[1], at, DURATION, DT)
+        foot = FOOT.detect_trip(foot, at_place(place[0] - speed * (ticks - 1 - i) * DT, place[1]), at, DURATION, DT)
     assert foot.trips == 0
     foot = foot.shifted(lag, 0.0)
-    return FOOT.detect_trip(foot, place[0], place[1], at, DURATION, DT), float(foot.position[2])
+    return FOOT.detect_trip(foot, at_place(*place), at, DURATION, DT), float(foot.position[2])
 
 
 def test_a_foot_that_trips_gives_way_and_only_rises_for_a_while() -> None:
@@ -105,13 +110,15 @@ def test_a_foot_that_trips_gives_way_and_only_rises_for_a_while() -> None:
     free, height = tripped(at, 0.0)
     foot, _ = tripped(at, 1.1 * CONFIG.trip_lag)
     assert (free.trips, foot.trips) == (0, 1)
-    place = float(free.position[0])
-    assert foot.position[0] == pytest.approx(place) and foot.velocity[0] == 0.0
+    assert free.edge == -np.inf and foot.edge == 0.02
+    place = float(foot.position[0])
+    assert np.hypot(*(foot.position[:2] - free.position[:2])) == pytest.approx(CONFIG.trip_back)
+    assert place < float(free.position[0]) and foot.velocity[0] == 0.0
     elapsed = at
     while elapsed < at + CONFIG.trip_time - 2 * DT:
         elapsed += DT
         # Still held: it rises on, and does not trip again.
-        foot = FOOT.detect_trip(foot, place - 1.0, 0.0, elapsed, DURATION, DT)
+        foot = FOOT.detect_trip(foot, at_place(place - 1.0, 0.0), elapsed, DURATION, DT)
         foot = FOOT.step(foot, TARGET, LEVEL, elapsed, DURATION, DT)
         assert foot.position[0] == pytest.approx(place)
     assert foot.trips == 1
@@ -128,11 +135,16 @@ def test_a_foot_that_is_near_or_moves_does_not_trip(lag: float, pace: float) -> 
     assert foot.trips == 0 and foot.velocity[0] > 0.1
 
 
-def test_a_foot_that_trips_on_the_way_down_does_not_rise_again() -> None:
-    foot, height = tripped(0.25, 1.1 * CONFIG.trip_lag)
+@pytest.mark.parametrize(("share", "rises"), [(0.75, True), (1.05, False)])
+def test_a_foot_that_trips_rises_again_until_its_planned_touchdown(share: float, rises: bool) -> None:
+    at = share * DURATION
+    foot, height = tripped(at, 1.1 * CONFIG.trip_lag)
     assert foot.trips == 1 and foot.velocity[0] == 0.0
-    foot = FOOT.step(foot, np.array([0.3, 0.1, 0.0, 0.0]), LEVEL, 0.25 + DT, DURATION, DT)
-    assert foot.position[2] < height
+    elapsed, duration = at, DURATION + (CONFIG.trip_landing if rises else 0.0)
+    for _ in range(round(CONFIG.trip_time / DT)):
+        elapsed += DT
+        foot = FOOT.step(foot, TARGET, LEVEL, elapsed, duration, DT)
+    assert (foot.position[2] > height) == rises
 
 
 def test_the_sole_turns_to_the_slope_expected_at_its_landing() -> None:
@@ -147,7 +159,7 @@ def test_the_sole_turns_to_the_slope_expected_at_its_landing() -> None:
 def test_a_tick_leaves_the_state_before_it_alone() -> None:
     foot = FOOT.lift(START, CLEARANCE, DURATION, LEVEL)
     motion, tilt = foot.motion.copy(), foot.tilt.copy()
-    FOOT.step(FOOT.detect_trip(foot, 0.5, 0.5, 0.01, DURATION, DT), TARGET, np.ones(2), 0.01, DURATION, DT)
+    FOOT.step(FOOT.detect_trip(foot, at_place(0.5, 0.5), 0.01, DURATION, DT), TARGET, np.ones(2), 0.01, DURATION, DT)
     np.testing.assert_array_equal(foot.motion, motion)
     np.testing.assert_array_equal(foot.tilt, tilt)
 
