@@ -192,3 +192,15 @@ def test_the_weight_is_shared_by_the_place_of_the_zmp(law: Soles, soles: SoleSta
 def test_the_zmp_of_single_support_is_between_the_ankle_and_the_middle_of_the_sole(law: Soles) -> None:
     assert law.points == pytest.approx(CONFIG.zmp * law.centres)
     assert law.point_of(0, Foothold(1.0, 2.0, 0.0)) == pytest.approx([1.0 + law.points[0, 0], 2.0])
+
+
+@pytest.mark.parametrize(("aside", "lands"), [(0.0, True), (0.9, True), (1.1, False), (2.5, False)])
+def test_a_force_from_aside_is_no_landing(g1: RobotModel, aside: float, lands: bool) -> None:
+    """The riser of a step pushes a foot that meets it back, and by friction up."""
+    planner = in_single_support(g1)
+    while planner.state.elapsed < 0.7 * planner.state.step.time:
+        planner.step(standing(g1, shares=(0.0, 1.0)), DT)
+    state = standing(g1, shares=(0.1, 0.9))
+    state.contacts[0].wrench[0] = -aside * state.contacts[0].wrench[2]
+    planner.step(state, DT)
+    assert planner.steps == int(lands)
