@@ -176,14 +176,18 @@ def _measure(
             tilts[foot, 1] += math.sin(yaw) * along + math.cos(yaw) * across
         if wrench[2] / weight > _LOADED:
             cops[foot, 0], cops[foot, 1] = -wrench[4] / wrench[2], wrench[3] / wrench[2]
-    loads, from_below = (left[2] / weight, right[2] / weight), (_upright(left), _upright(right))
+    loads, from_below = (left[2] / weight, right[2] / weight), (_upright(poses[0], left), _upright(poses[1], right))
     return _place(poses[0], pivots[0]), _place(poses[1], pivots[1]), loads, from_below
 
 
 @register_jitable
-def _upright(wrench: Vector) -> bool:
-    """Whether the force is within 45 degrees of the sole's normal."""
-    return bool(math.hypot(wrench[0], wrench[1]) <= wrench[2])
+def _upright(pose: Matrix, wrench: Vector) -> bool:
+    """Whether the force on a sole with this pose is within 45 degrees of the vertical."""
+    square, up = 0.0, 0.0
+    for i in range(3):
+        up += pose[2, i] * wrench[i]
+        square += wrench[i] * wrench[i]
+    return bool(up > 0.0 and 2.0 * up * up >= square)
 
 
 @register_jitable
