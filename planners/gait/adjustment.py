@@ -173,7 +173,8 @@ class StepPlanner:
         """
         config, poses, omega, dcm = self._config, self._coming(walk), walk.omega, measured.dcm(walk.omega)
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
-        tripped = swing.rising_until + config.swing.trip_landing  # less than any step without a trip
+        # Less than any step without a trip; not put off again and again by a foot that stays caught.
+        tripped = min(swing.rising_until + config.swing.trip_landing, config.timing.single_max)
         soonest = max(single_min, elapsed + config.swing.freeze, _HURRY * walk.command.route.swing, tripped)
         latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
         motion, room = swing.towards(step.hold.x, step.hold.y), self._room(walk)
