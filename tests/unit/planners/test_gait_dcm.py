@@ -1,6 +1,7 @@
 """DCM reference: the closed forms against integration, and the recursion against what it promises."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from models.robot_model import RobotModel
 from planners.gait import dcm
+from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitPhase
 from tests.gaits import DT, in_single_support, on_one_foot
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
@@ -119,7 +121,9 @@ def test_a_blend_meets_both_ends() -> None:
 
 def test_a_late_foot_follows_the_dcm_without_a_jump(g1: RobotModel) -> None:
     """However far the DCM has run by then; the reference of foot and DCM moves on from where it is."""
-    planner, planned = in_single_support(g1), []
+    config = load_gait_config(g1)
+    freely = replace(config, swing=replace(config.swing, trip_lag=1.0))  # this robot never moves, which is no trip
+    planner, planned = in_single_support(g1, freely), []
     late_time = planner.config.swing.late_time
     while planner.state.elapsed < planner.state.step.time + 2.0 * late_time:
         state = standing(g1, planner.state.elapsed, shares=on_one_foot(planner.stance))
@@ -130,6 +134,14 @@ def test_a_late_foot_follows_the_dcm_without_a_jump(g1: RobotModel) -> None:
     late = round(2.0 * late_time / DT)
     dcm_speed, foot_speed = np.abs(np.diff(planned[-late:], axis=0)).max(axis=(0, 2)) / DT
     assert dcm_speed < 5.0 and foot_speed < 4.0
+
+
+def test_a_foot_that_stays_caught_is_late_after_the_longest_step(g1: RobotModel) -> None:
+    planner = in_single_support(g1)
+    while planner.state.elapsed < planner.state.step.time:
+        planner.step(standing(g1, planner.state.elapsed, shares=on_one_foot(planner.stance)), DT)
+    assert planner.trips > 1
+    assert planner.state.elapsed < planner.config.timing.single_max + 2 * DT
 
 
 def test_a_sudden_transfer_counts_in_full() -> None:
