@@ -287,7 +287,7 @@ def _draw_back_tripped(
     planned = math.hypot(planned_x, planned_y)
     stuck = vx * planned_x + vy * planned_y < limits.trip_speed * planned * planned
     lag = math.hypot(motion[0, X] - x, motion[0, Y] - y)
-    tripped = lag >= limits.trip_lag and stuck and elapsed >= rising_until
+    tripped = lag >= limits.trip_lag and stuck and elapsed >= min(rising_until, duration)
     if tripped:
         back = limits.trip_back / max(planned, 1e-6)
         motion[0, X], motion[0, Y] = x - back * planned_x, y - back * planned_y

@@ -1,7 +1,6 @@
 """DCM reference: the closed forms against integration, and the recursion against what it promises."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 
 from models.robot_model import RobotModel
 from planners.gait import dcm
-from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitPhase
 from tests.gaits import DT, in_single_support, on_one_foot
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
@@ -121,9 +119,7 @@ def test_a_blend_meets_both_ends() -> None:
 
 def test_a_late_foot_follows_the_dcm_without_a_jump(g1: RobotModel) -> None:
     """However far the DCM has run by then; the reference of foot and DCM moves on from where it is."""
-    config = load_gait_config(g1)
-    freely = replace(config, swing=replace(config.swing, trip_lag=1.0))  # this robot never moves, which is no trip
-    planner, planned = in_single_support(g1, freely), []
+    planner, planned = in_single_support(g1), []
     late_time = planner.config.swing.late_time
     while planner.state.elapsed < planner.state.step.time + 2.0 * late_time:
         state = standing(g1, planner.state.elapsed, shares=on_one_foot(planner.stance))
