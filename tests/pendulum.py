@@ -23,4 +23,4 @@ def touchdown_offset(
     """
     swings = np.tile(swing, (len(points) - 2, 1))
     end = points[-1] if final is None else final
-    return np.array(dcm.touchdown_offset(np.array(points), swings, OMEGA, SINGLE, DOUBLE, end))
+    return np.array(dcm.touchdown_offset(np.array(points), swings, OMEGA, np.full(len(points), SINGLE), DOUBLE, end))

@@ -27,7 +27,7 @@ from planners.gait.footsteps import (
     rotated,
 )
 from planners.gait.measurement import Measurement
-from planners.gait.pace import Pace
+from planners.gait.pace import Pace, with_single
 from planners.gait.reaction import Body, SwingLeg, rest_of_swing, whole_swing
 from planners.gait.regions import (
     NOWHERE,
@@ -139,7 +139,7 @@ class StepPlanner:
     def nominal(self, walk: Walk) -> tuple[Foothold, Vector]:
         """Next foothold, and the DCM offset at its touchdown in W (2,) [m]."""
         poses = self._coming(walk)
-        x, y, yaw, rise = poses[1].tolist()
+        x, y, yaw, rise, *_ = poses[1].tolist()
         ends = walk.command.steps_left is not None
         offset = _nominal_offset(self._setup, poses, walk.foot, ends, walk.omega, walk.pace)
         return Foothold(x, y, yaw, walk.stance.z + rise), np.array(offset)
@@ -216,22 +216,23 @@ class StepPlanner:
         return bounds_in(walk.stance, walk.landing.hold, walk.landing.tread) if walk.landing else ANYWHERE
 
     def _coming(self, walk: Walk) -> Matrix:
-        """The present stance and the coming footholds (1 + steps, 4).
+        """The present stance and the coming footholds (1 + steps, 6).
 
-        Each x, y [m] and heading [rad] in W, and known height above the stance [m].
+        Each x, y [m] and heading [rad] in W, known height above the stance and ``Footstep.over`` [m], and its time [s].
         """
         count, command, stance, level = self._config.preview, walk.command, walk.stance, walk.levels[1 - walk.foot]
         if command.route.steps:
-            steps = command.route.ahead(stance, count, self._limits, level)
-            return np.array([(*stance.pose, 0.0), *((*step.pose, step.z - stance.z) for step in steps)])
+            steps = zip(command.route.steps, command.route.ahead(stance, count, self._limits, level), strict=False)
+            coming = [(*hold.pose, hold.z - stance.z, step.over, step.time) for step, hold in steps]
+            return np.array([(*stance.pose, 0.0, 0.0, 0.0), *coming])
         period, velocity, left = walk.pace.period, command.asked, command.steps_left
         if walk.landing is None:
             return preview_poses(stance, walk.foot, velocity, period, self._bounds, count, left)
         first = clamped(stance, walk.foot, *walk.landing.hold.pose, self._limits)
         after = None if left is None else max(left - 1, 1)
         poses = preview_poses(first, 1 - walk.foot, velocity, period, self._bounds, count - 1, after)
-        poses[:, 3] = walk.landing.hold.z - level
-        return np.vstack([(*stance.pose, 0.0), poses])
+        poses[:, 3], poses[0, 4] = walk.landing.hold.z - level, walk.landing.over
+        return np.vstack([(*stance.pose, 0.0, 0.0, 0.0), poses])
 
 
 @njit(cache=True)
@@ -253,10 +254,10 @@ def _start_of_single(
     x, y = point_at(poses[0, 0], poses[0, 1], yaw, stance_centre[0], stance_centre[1])
     first = point_at(liftoff[0], liftoff[1], liftoff[2], centre[0], centre[1])
     last = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
-    offset = previewed_offset(poses, foot, ends, omega, pace, model)
+    offset, slow = previewed_offset(poses, foot, ends, omega, pace, model), with_single(pace, poses[1, 5])
     way = last[0] - first[0], last[1] - first[1]
-    swing = whole_swing(omega, pace, way, yaw, model.leg, rise + poses[1, 3])
-    decay = math.exp(-omega * pace.single)
+    swing = whole_swing(omega, slow, way, yaw, model.leg, rise + poses[1, 3], poses[1, 4])
+    decay = math.exp(-omega * slow.single)
     return x + decay * (last[0] + offset[0] - x) + swing[0], y + decay * (last[1] + offset[1] - y) + swing[1]
 
 
@@ -317,9 +318,9 @@ def _best_of_region(
         elapsed,
         omega,
         nominal.step,
-        pace.single,
+        max(pace.single, poses[1, 5]),
         end,
-        offset_coupling(omega, pace, model),
+        offset_coupling(omega, with_single(pace, poses[min(2, len(poses) - 1), 5]), model),
         lower,
         upper,
         soonest,
@@ -354,7 +355,8 @@ def _foothold_of(
     """Foothold x, y in W [m] of a solution ``step``; sets ``end``, the DCM at its touchdown (2,) [m]."""
     model, nominal = setup.record.model, setup.record.nominal
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
-    stance_centre, coupling = model.points[1 - foot], offset_coupling(omega, pace, model)
+    slow = with_single(pace, poses[min(2, len(poses) - 1), 5])
+    stance_centre, coupling = model.points[1 - foot], offset_coupling(omega, slow, model)
     point, way = point_at(x, y, yaw, stance_centre[0], stance_centre[1]), rotated(yaw, step[0], step[1])
     more = rotated(yaw, coupling * (step[0] - nominal.step[0]), coupling * (step[1] - nominal.step[1]))
     for i in range(2):

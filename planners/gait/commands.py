@@ -153,7 +153,7 @@ class Commands:
             raise CommandError("footsteps refused: they begin with the foot that steps just before")
         check_footsteps(steps, soles_after(before, soles, datum), self._config)
         raised = [step.raised(datum) for step in before]
-        route = route_over([*raised, *steps], soles, datum, self._config)
+        route = route_over([*raised, *steps], soles, datum, self._config, kept)
         return structs.replace(state, route=route, target=STILL, velocity=STILL)
 
     def advance(self, state: CommandState, stepping: bool, dt: float, longest: float = math.inf) -> CommandState:

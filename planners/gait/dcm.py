@@ -22,7 +22,7 @@ from models.numerics.compiled import njit, register_jitable
 from models.numerics.unboxed import Unboxed
 from models.types import Matrix, Vector
 from planners.gait.footsteps import Point, point_at
-from planners.gait.pace import Pace
+from planners.gait.pace import Pace, with_single
 from planners.gait.reaction import Body, SwingLeg, cmp_offset, rest_of_swing, swing_slope, whole_swing
 from planners.gait.swing import SwingMotion
 
@@ -46,7 +46,7 @@ def transfer_share(omega: float, double: float) -> float:
 
 @register_jitable
 def touchdown_offset(
-    points: Matrix, swings: Matrix, omega: float, single: float, double: float, final: Vector
+    points: Matrix, swings: Matrix, omega: float, singles: Vector, double: float, final: Vector
 ) -> Point:
     r"""DCM offset ``b = xi - p_1`` at the coming touchdown, by backward recursion over the previewed footholds [m].
 
@@ -55,15 +55,16 @@ def touchdown_offset(
     with ``d_i`` the reaction of the leg that swings from p_{i-1} to p_{i+1} (``reaction.py``), ``swings`` (steps - 1,
     2). The recursion contracts by ``exp(omega T)`` a step, so the end of a preview of three or four steps hardly
     matters; there the DCM ``final`` is over the last foothold (capturable), or over the middle of the stance where the
-    walk ends. ``points`` are p_0 (stance), p_1, ... (1 + steps, 2) [m]; ``single`` and ``double`` are T_s and T_d [s].
+    walk ends. ``points`` are p_0 (stance), p_1, ... (1 + steps, 2) [m], ``singles`` T_s of the steps to them
+    (1 + steps,) and ``double`` T_d [s].
     """
     share = 1.0 - transfer_share(omega, double)
-    decay = math.exp(-omega * (single + double))
     fade = math.exp(-omega * double)
     last = points.shape[0] - 1
     x, y = final[0] - points[last, 0], final[1] - points[last, 1]
     for i in range(last - 1, 0, -1):
         before, here, after, swing = points[i - 1], points[i], points[i + 1], swings[i - 1]
+        decay = math.exp(-omega * (singles[i + 1] + double))
         x = decay * (x + after[0] - here[0]) - share * (here[0] - before[0]) + fade * swing[0]
         y = decay * (y + after[1] - here[1]) - share * (here[1] - before[1]) + fade * swing[1]
     return x, y
@@ -73,8 +74,8 @@ def touchdown_offset(
 def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace, step: StepModel) -> Point:
     """DCM offset at the coming touchdown from the next ZMP point, in W [m]; ``foot`` swings first.
 
-    ``poses`` are the stance and the coming footholds, x, y, heading, and known height above the stance (1 + steps, 4);
-    with ``ends``, the last step ends the walk.
+    ``poses`` are the stance and the coming footholds (1 + steps, 6): x, y, heading, known height above the stance, that
+    of what the foot passes, see ``Tread.over``, and least single support; with ``ends``, the last step ends the walk.
     """
     count = poses.shape[0]
     points, swings = np.empty((count, 2)), np.empty((count - 2, 2))
@@ -84,9 +85,10 @@ def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, pace: P
     for i in range(count - 2):
         way = points[i + 2, 0] - points[i, 0], points[i + 2, 1] - points[i, 1]
         rise = poses[i + 2, 3] - poses[i, 3]
-        swings[i, 0], swings[i, 1] = whole_swing(omega, pace, way, poses[0, 2], step.leg, rise)
+        slow = with_single(pace, poses[i + 2, 5])
+        swings[i, 0], swings[i, 1] = whole_swing(omega, slow, way, poses[0, 2], step.leg, rise, poses[i + 2, 4])
     final = 0.5 * (points[count - 1] + points[count - 2]) if ends else points[count - 1]
-    return touchdown_offset(points, swings, omega, pace.single, pace.double, final)
+    return touchdown_offset(points, swings, omega, np.maximum(poses[:, 5], pace.single), pace.double, final)
 
 
 @njit(cache=True)
@@ -105,7 +107,8 @@ def height_at_touchdown(poses: Matrix, ends: bool, omega: float, pace: Pace) -> 
     for i in range(last + 1):
         points[i, 0] = poses[i, 3]
     final[0] = 0.5 * (poses[last, 3] + poses[last - 1, 3]) if ends else poses[last, 3]
-    offset = touchdown_offset(points, np.zeros((last, 2)), omega, pace.single, pace.double, final)
+    singles = np.maximum(poses[:, 5], pace.single)
+    offset = touchdown_offset(points, np.zeros((last, 2)), omega, singles, pace.double, final)
     return float(poses[1, 3] + offset[0])
 
 

@@ -187,8 +187,8 @@ def next_pose(stance: Pose, side: float, advance: Pose, limits: StepLimits) -> P
 
 @njit(cache=True)
 def _preview(stance: Pose, foot: int, advance: Pose, limits: Unboxed[StepLimits], count: int) -> Matrix:
-    """The stance, and below it ``count`` steps of alternating feet, ``foot`` first (1 + count, 4)."""
-    poses = np.zeros((1 + count, 4))
+    """The stance, and below it ``count`` steps of alternating feet, ``foot`` first (1 + count, 6)."""
+    poses = np.zeros((1 + count, 6))
     poses[0, 0], poses[0, 1], poses[0, 2] = stance
     side, bounds = 1.0 if foot == LEFT else -1.0, limits.record
     for i in range(1, 1 + count):
@@ -207,7 +207,7 @@ def preview_poses(
     count: int,
     stop_after: int | None = None,
 ) -> Matrix:
-    """``preview_footholds`` below the stance, each x, y [m], heading [rad] in W and known rise 0 (1 + steps, 4)."""
+    """``preview_footholds`` below the stance, each x, y [m], heading [rad] in W and zeros (1 + steps, 6)."""
     if stop_after is not None:
         count = max(min(count, stop_after), 1)
         velocity = (0.0, 0.0, 0.0)
@@ -226,7 +226,7 @@ def preview_footholds(
 ) -> list[Foothold]:
     """The next ``count`` footholds, ``foot`` first; with ``stop_after``, that many steps on the spot."""
     poses = preview_poses(stance, foot, velocity, period, unbox(limits_of(reach)), count, stop_after)
-    return [Foothold(x, y, yaw, stance.z) for x, y, yaw, _ in poses[1:].tolist()]
+    return [Foothold(x, y, yaw, stance.z) for x, y, yaw, *_ in poses[1:].tolist()]
 
 
 def advance_of(velocity: Velocity, period: float) -> Pose:

@@ -22,6 +22,7 @@ with the share ``\sigma`` of the coefficient, ``friction_share``.
 import math
 from typing import NamedTuple
 
+from models.numerics.compiled import register_jitable
 from models.types import Matrix, Velocity
 from planners.gait.config import PaceConfig
 
@@ -52,6 +53,13 @@ def pace_at(share: float, config: PaceConfig, urgency: float = 0.0) -> Pace:
     names = ("single", "double", "crouch", "clearance", "least_effort", "toe_off")
     single, double, crouch, clearance, effort, toe_off = (config.between(share, name) for name in names)
     return Pace(single, double, crouch, clearance, share, effort, (1.0 - urgency) * toe_off)
+
+
+@register_jitable
+def with_single(pace: Pace, least: float) -> Pace:
+    """The pace with a nominal single support of at least ``least`` [s]."""
+    single, double, crouch, clearance, share, effort, toe_off = pace
+    return Pace(max(single, least), double, crouch, clearance, share, effort, toe_off)
 
 
 def share_of(velocity: Velocity, config: PaceConfig) -> float:

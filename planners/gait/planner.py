@@ -309,7 +309,7 @@ class GaitPlanner:
         level, end = levels[gait.stance], self._single.plan.height_at_touchdown(walk_of(gait, gait.step.liftoff))
         if gait.phase is GaitPhase.SINGLE:
             return level + math.exp(-omega * max(gait.step.time - gait.elapsed, 0.0)) * (end - level)
-        end = level + math.exp(-omega * gait.pace.single) * (end - level)
+        end = level + math.exp(-omega * gait.single) * (end - level)
         if gait.phase is GaitPhase.START:
             return end
         elapsed, old = gait.elapsed - gait.early, levels[1 - gait.stance]
@@ -467,9 +467,8 @@ class GaitPlanner:
         velocity = gait.command.velocity
         share = self.config.route.pace if gait.command.route.steps else share_of(velocity, config)
         pace = pace_at(max(share, share_within(velocity, longest, config)), config, gait.urgency)
-        least = gait.command.route.swing if gait.command.route.steps else 0.0
         rough = 0.0 if gait.command.route.known else gait.soles.roughness
-        gait.pace = pace._replace(single=max(pace.single, least), clearance=pace.clearance + rough)
+        gait.pace = pace._replace(clearance=pace.clearance + rough)
 
     @property
     def must_step(self) -> bool:

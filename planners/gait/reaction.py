@@ -122,18 +122,21 @@ def _allowance(
 
 
 @register_jitable
-def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg, rise: float = 0.0) -> Point:
+def whole_swing(
+    omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg, rise: float = 0.0, over: float = 0.0
+) -> Point:
     """``d`` at the lift-off of a step of a steady walk, in W [m].
 
-    ``way`` is the foot's displacement, ``rise`` the known height of its target above that at lift-off [m].
+    ``way`` is the foot's displacement, ``rise`` the known height of its target above that at lift-off, ``over`` that of
+    what it passes above the higher one of both [m].
     """
     shape, lever, edges = leg
     c, s, turned = math.cos(yaw), math.sin(yaw), np.empty((3, 2))
     foot = np.zeros(16)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
-    clearance = clearance_over(rise, pace.clearance, shape.edge_clearance)
+    clearance = clearance_over(rise, pace.clearance, shape.edge_clearance, over)
     length, early = math.hypot(way[0], way[1]), shape.freeze / pace.single
-    shares = swing_shares(rise, clearance, length, shape.apex, shape.edge, early)
+    shares = swing_shares(rise, clearance, length, shape.apex, shape.edge, early, over)
     apex, waits = shares[0] * pace.single, (shares[1] * pace.single, shares[2] * pace.single)
     for i in range(2):
         foot[14 + i] = end_acceleration(foot[9 + i], pace.single - waits[0] - waits[1], pace.least_effort)

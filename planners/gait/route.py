@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from msgspec import Struct, structs
 
@@ -24,18 +24,22 @@ from planners.gait.footsteps import (
     side_of,
     wrap,
 )
-from planners.gait.tread import Tread, clearance_over, crouch_between, swing_time
+from planners.gait.tread import Tread, clearance_over, crouch_between, passing_time, swing_time
 
 SLACK = 1e-6  #: Tolerance of the limits for rounding [m, rad]
 
 
 @dataclass(frozen=True, slots=True)
 class Footstep:
-    """One step of a plan: ``foot`` (0 left, 1 right) is put down at ``hold``, whose height counts with a ``tread``."""
+    """One step of a plan: ``foot`` (0 left, 1 right) is put down at ``hold``, whose height counts with a ``tread``.
+
+    ``route_over`` sets ``time``, the least nominal single support [s].
+    """
 
     foot: int
     hold: Foothold
     tread: Tread | None = None
+    time: float = field(default=0.0, compare=False)
 
     def raised(self, height: float) -> Footstep:
         """The step with its foothold higher [m]."""
@@ -43,9 +47,15 @@ class Footstep:
 
     @property
     def values(self) -> list[float]:
-        """The step as numbers: foot, foothold, slope, room; see ``footstep_of``."""
-        tread = () if self.tread is None else (*self.tread.slope, *(self.tread.room or ()))
+        """The step as numbers: foot, foothold, slope, room and height passed if any; see ``footstep_of``."""
+        known = self.tread
+        tread = () if known is None else (*known.slope, *(known.room or ()), *((known.over,) if known.over else ()))
         return [self.foot, *structs.astuple(self.hold), *tread]
+
+    @property
+    def over(self) -> float:
+        """See ``Tread``; 0 where the ground is felt [m]."""
+        return 0.0 if self.tread is None else self.tread.over
 
     def kept(self, hold: Foothold) -> Foothold:
         """The foothold inside the room of the tread that is nearest to ``hold``."""
@@ -60,8 +70,9 @@ def footstep_of(foot: float, x: float, y: float, yaw: float, z: float, *tread: f
     """Step of its ``values``."""
     known = None
     if tread:
-        rise_x, rise_y, *room = tread
-        known = Tread((rise_x, rise_y), (room[0], room[1], room[2], room[3]) if room else None)
+        rise_x, rise_y, *more = tread
+        over = more.pop() if len(more) % 4 else 0.0
+        known = Tread((rise_x, rise_y), (more[0], more[1], more[2], more[3]) if more else None, over)
     return Footstep(int(foot), Foothold(x, y, yaw, z), known)
 
 
@@ -260,13 +271,17 @@ class Route(Struct, frozen=True):
     goal: Foothold | None = None  # pose of the middle between the soles at the end; None for listed footsteps
     outcome: str = ""  # why the last route ended, ``done`` after all its steps; empty before and meanwhile
     crouch: float = 0.0  # by which known heights and long steps lower the body, see ``crouch_between`` [m]
-    swing: float = 0.0  # least nominal single support, by the known height that a foot is lifted over [s]
     patience: int = 0  # touchdowns after which it is not planned anew
 
     @property
     def left(self) -> int:
         """Touchdowns until it ends; 0 without a route."""
         return len(self.steps)
+
+    @property
+    def swing(self) -> float:
+        """Least nominal single support of the next step, by the known height that a foot is lifted over [s]."""
+        return self.steps[0].time if self.steps else 0.0
 
     @property
     def known(self) -> bool:
@@ -338,19 +353,26 @@ def soles_after(steps: Sequence[Footstep], soles: Sequence[Foothold], datum: flo
     return left, right
 
 
-def route_over(steps: Sequence[Footstep], soles: Sequence[Foothold], datum: float, config: GaitConfig) -> Route:
-    """A new route over listed footsteps from the left and right sole; known heights count from ``datum`` [m]."""
-    feet, crouch, lift = list(soles), 0.0, 0.0
+def route_over(
+    steps: Sequence[Footstep], soles: Sequence[Foothold], datum: float, config: GaitConfig, kept: int = 0
+) -> Route:
+    """A new route over listed footsteps from the left and right sole; known heights count from ``datum`` [m].
+
+    They take as long as the slowest of them; the first ones, that are ``kept`` from the last route, as long as there.
+    """
+    feet, crouch, least, swing = list(soles), 0.0, 0.0, config.swing
+    level = config.pace.between(config.route.pace, "clearance")
     for step in steps:
+        stance, before, side = feet[1 - step.foot], feet[step.foot], side_of(step.foot)
+        hold = feet[step.foot] = step.hold if step.tread is not None else structs.replace(step.hold, z=stance.z)
+        rise = 0.0
         if step.tread is not None:
-            stance, before, side = feet[1 - step.foot], feet[step.foot], side_of(step.foot)
-            crouch = max(crouch, crouch_between(stance, step.hold, side, config.reach.width, config.leg))
-            lift = max(lift, abs(step.hold.z - before.z))
-            feet[step.foot] = step.hold
-        else:
-            feet[step.foot] = structs.replace(step.hold, z=feet[1 - step.foot].z)
-    swing = config.swing
-    clearance = clearance_over(lift, config.pace.between(config.route.pace, "clearance"), swing.edge_clearance)
-    least = swing_time(lift, clearance, swing.apex, swing.lift_acceleration)
-    levelled = [step.raised(-datum) for step in steps]
-    return structs.replace(route_of(levelled), crouch=crouch, swing=least)
+            crouch = max(crouch, crouch_between(stance, hold, side, config.reach.width, config.leg))
+            rise = hold.z - before.z
+        clearance = clearance_over(rise, level, swing.edge_clearance, step.over)
+        least = max(least, swing_time(rise, clearance, swing.apex, swing.lift_acceleration))
+        if step.over:
+            way, at = math.hypot(hold.x - before.x, hold.y - before.y), swing.lift_acceleration
+            least = max(least, passing_time(rise, step.over, clearance, way, swing.apex, swing.edge, at))
+    timed = [step if i < kept else replace(step, time=least) for i, step in enumerate(steps)]
+    return structs.replace(route_of([step.raised(-datum) for step in timed]), crouch=crouch)

@@ -45,7 +45,7 @@ class SingleSupport:
 
     def lift(self, gait: GaitState, toe_off: ToeOff) -> None:
         """The swing foot leaves the floor at its measured place, from its edge as it turns."""
-        foot, single = 1 - gait.stance, gait.pace.single
+        foot, single = 1 - gait.stance, gait.single
         sole = gait.measured.soles[foot]
         pose = np.array([sole.x, sole.y, sole.z, sole.yaw])
         gait.step = structs.replace(
@@ -61,11 +61,11 @@ class SingleSupport:
         gait.soles = structs.replace(gait.soles, landing=landing)
         walk = walk_of(gait, sole)
         nominal, _ = self.plan.nominal(walk)
-        rise = walk.rise + nominal.z - walk.stance.z
+        rise, over = walk.rise + nominal.z - walk.stance.z, 0.0 if landing is None else landing.over
         gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))
         tilt, trips, target, pace = gait.soles.tilts[foot], gait.swing.trips, (nominal.x, nominal.y), gait.pace
         gait.swing = self._swing.lift(
-            pose, pace.clearance, single, tilt, trips, target, toe_off, pace.least_effort, rise
+            pose, pace.clearance, single, tilt, trips, target, toe_off, pace.least_effort, rise, over
         )
         self._adjust(gait, 0.0)
 

@@ -130,6 +130,11 @@ class GaitState:
         return math.sqrt(GRAVITY / max(self.body.height, COM_HEIGHT_MIN))
 
     @property
+    def single(self) -> float:
+        """Nominal single support of the present or coming step [s]."""
+        return max(self.pace.single, self.command.route.swing)
+
+    @property
     def dcm_error(self) -> float:
         """Distance of the DCM from its reference [m]."""
         error = self.measured.dcm(self.omega) - self.dcm.dcm

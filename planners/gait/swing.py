@@ -174,13 +174,14 @@ class SwingFoot:
         toe_off: ToeOff = FLAT,
         effort: float = 0.0,
         rise: float = 0.0,
+        over: float = 0.0,
     ) -> SwingState:
         """Start from rest at a pose x, y, z, yaw (4,) on a slope (2,) [-], for a swing of this height and duration.
 
         ``target`` is the place at which it is to end, in W [m], by a path of this least ``effort``; without one, it
         starts without acceleration.
         With ``toe_off``, the pose is that of the flat sole, and the foot starts as it turns about its edge.
-        The target is known to be higher by ``rise`` [m].
+        The target is known to be higher by ``rise`` [m], what the foot passes than the higher end by ``over`` [m].
         """
         motion, start = np.zeros((3, 4)), (float(pose[X]), float(pose[Y]))
         motion[0] = pose
@@ -192,8 +193,9 @@ class SwingFoot:
             tilt = tilt - math.tan(toe_off.angle) * np.array([c, s])
         way = 0.0 if target is None else math.dist(start, target)
         shape = self.shape
-        clearance = clearance_over(rise, clearance, shape.edge_clearance)
-        shares = SwingShares(*swing_shares(rise, clearance, way, shape.apex, shape.edge, shape.freeze / duration))
+        clearance = clearance_over(rise, clearance, shape.edge_clearance, over)
+        early = shape.freeze / duration
+        shares = SwingShares(*swing_shares(rise, clearance, way, shape.apex, shape.edge, early, over))
         braking = (0.0, 0.0) if target is None else _braking(start, target, shares.moving * duration, effort)
         if shares.wait == 0.0:
             motion[2, :Z] -= braking

@@ -29,6 +29,7 @@ class Tread(Struct, frozen=True):
 
     slope: Point = (0.0, 0.0)  #: Rise along x and along y of W [-]
     room: Room | None = None  #: How far the sole may move backward, forward, right, left on it [m]; None: anywhere
+    over: float = 0.0  #: Height of what the foot passes on its way there, above the higher one of both ends [m]
 
     def height(self, hold: Foothold, x: float, y: float) -> float:
         """Height of the ground at a point of W, with the foothold ``hold`` on it [m]."""
@@ -95,33 +96,38 @@ class SwingShares(NamedTuple):
 
 
 @register_jitable
-def clearance_over(rise: float, level: float, edge: float) -> float:
-    """Height of the sole over the higher end of a swing, from that on the ``level`` to that over an ``edge`` [m]."""
-    return max(level, min(level + abs(rise), edge))
+def clearance_over(rise: float, level: float, edge: float, over: float = 0.0) -> float:
+    """Height of the sole over the higher end of a swing, from that on the ``level`` to that over an ``edge`` [m].
+
+    What it passes is higher than that end by ``over`` [m].
+    """
+    return over + max(level, min(level + abs(rise) + over, edge))
 
 
 @register_jitable
 def swing_shares(
-    rise: float, clearance: float, way: float, apex: float, edge: float, early: float
+    rise: float, clearance: float, way: float, apex: float, edge: float, early: float, over: float = 0.0
 ) -> tuple[float, float, float]:
     """``SwingShares`` of a swing that ends higher by a known ``rise`` [m], negative down, over a way [m].
 
     Up and down take times in the ratio of the square roots of their heights: equal accelerations; ``apex`` is that of a
-    level swing. Between the footholds is an edge, at least ``edge`` [m] away from the sole on either of them. The foot
-    is up to half its clearance above the edge before it gets there, and until it has passed it. It turns from the apex
-    to the landing ``early``, a share of its duration.
+    level swing. Between the footholds is an edge, or what is higher than both by ``over`` [m], at least ``edge`` [m]
+    away from the sole on either of them. The foot is up to half its clearance above it before it gets there, and until
+    it has passed it. It turns from the apex to the landing ``early``, a share of its duration.
     """
-    low, high = clearance, clearance + abs(rise)
-    up, down = (high, low) if rise > 0.0 else (low, high)
+    begin, end = over + max(rise, 0.0), over + max(-rise, 0.0)  # of what it passes above its ends
+    up, down = clearance + max(rise, 0.0), clearance + max(-rise, 0.0)
     top = apex / (apex + (1.0 - apex) * math.sqrt(down / up))
-    if rise == 0.0 or way <= edge:
+    if way <= edge:
         return top, 0.0, 0.0
-    over = _quintic_time((abs(rise) + min(abs(rise), 0.5 * clearance)) / high) * (
-        top if rise > 0.0 else 1.0 - top + early
-    )
-    passing = _quintic_time(edge / way)
-    wait = max((over - passing) / (1.0 - passing), 0.0)
-    return (top, wait, 0.0) if rise > 0.0 else (top, 0.0, wait)
+    passing, margin = _quintic_time(edge / way), 0.5 * (clearance - over)
+    rising = _quintic_time((begin + min(begin, margin)) / up) * top if begin > 0.0 else 0.0
+    falling = _quintic_time((end + min(end, margin)) / down) * (1.0 - top + early) if end > 0.0 else 0.0
+    wait, settle = max(rising - passing, 0.0), max(falling - passing, 0.0)
+    if wait > 0.0 and settle > 0.0:
+        passing *= (1.0 - rising - falling) / (1.0 - 2.0 * passing)  # of the time in which it goes on
+        return top, max(rising - passing, 0.0), max(falling - passing, 0.0)
+    return top, wait / (1.0 - passing), settle / (1.0 - passing)
 
 
 @register_jitable
@@ -141,6 +147,17 @@ def swing_time(rise: float, clearance: float, apex: float, acceleration: float) 
     """Duration of a swing with a known rise [m] at a vertical acceleration [m/s^2], in [s]."""
     up = swing_shares(abs(rise), clearance, 0.0, apex, 0.0, 0.0)[0]
     return math.sqrt(PEAK * (abs(rise) + clearance) / acceleration) / up
+
+
+def passing_time(
+    rise: float, over: float, clearance: float, way: float, apex: float, edge: float, acceleration: float
+) -> float:
+    """Duration of a swing over what is higher than both ends by ``over`` [m] at an acceleration [m/s^2], in [s].
+
+    The foot only goes on while it is above it; other arguments as for ``swing_shares``.
+    """
+    _, wait, settle = swing_shares(rise, clearance, way, apex, edge, 0.0, over)
+    return math.sqrt(PEAK * way / acceleration) / (1.0 - wait - settle)
 
 
 @register_jitable

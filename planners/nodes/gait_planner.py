@@ -117,9 +117,10 @@ class GaitTopics:
     def _plan(stamp: int, view: GaitView, config: GaitConfig) -> Any:
         """Coming footsteps with the times of their touchdown."""
         gait = view.state
-        wait = gait.step.time if view.swinging else gait.pace.period
+        nominal = gait.single + gait.pace.double
+        wait = gait.step.time if view.swinging else nominal
         t = stamp + round(max(wait - gait.elapsed, 0.0) * NANOSECONDS)
-        period = round(gait.pace.period * NANOSECONDS)
+        period = round(nominal * NANOSECONDS)
         feet = (1 - gait.stance, gait.stance)
         steps = [Footstep(feet[i % 2], hold) for i, hold in enumerate(coming_steps(view, config))]
         return path_from_steps(stamp, steps, [t + i * period for i in range(len(steps))])

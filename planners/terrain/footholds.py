@@ -51,8 +51,7 @@ class GroundPlanner:
 
     def __init__(self, robot: RobotModel, config: GaitConfig) -> None:
         self._config, self._ground = config, SoleSurvey(robot, config.swing.edge)
-        y_min, y_max = robot.feet[LEFT].rectangle[2:]
-        self._search = FootstepSearch(config, _STRIDE, y_max - y_min)
+        self._search = FootstepSearch(config, _STRIDE, robot.feet[LEFT].rectangle)
         self._limits = self._search.limits
         soles = soles_at(Foothold(0.0, 0.0, 0.0), config.reach.width)
         level = Heights(np.zeros((9, 9)), (0.0, 0.0), 0.1)
@@ -123,7 +122,7 @@ class GroundPlanner:
                 return True
             way = np.array([last.x - hold.x, last.y - hold.y])
             between = np.concatenate([places + share * way for share in np.arange(0.0, 1.0, _AHEAD_MIN)])
-            if (ground.at(between) > max(last.z, hold.z) + LEVEL).mean() > _CHANGED:
+            if (ground.at(between) > max(last.z, hold.z) + step.over + LEVEL).mean() > _CHANGED:
                 return True
         return False
 
@@ -148,7 +147,9 @@ class GroundPlanner:
             return f"the ground ahead is {abs(rise):.2f} m {way}, at most {reach.rise:.2f} m"
         if np.isnan(rises).any():
             return "the ground ahead is not known"
-        return f"no room for a sole up to {reach.forward:.2f} m ahead"
+        why = f"no room for a sole up to {reach.forward:.2f} m ahead"
+        over = float(rises.max())
+        return why if over <= self._limits.over else f"{why}, and {over:.2f} m high, at most {self._limits.over:.2f} m"
 
 
 def _footstep(line: Foothold, places: Places, step: Step) -> Footstep:
@@ -160,4 +161,4 @@ def _footstep(line: Foothold, places: Places, step: Step) -> Footstep:
         return Footstep(step.foot, hold)
     back, forward, right, left = survey.room[at].tolist()
     slope = rotated(line.yaw, float(survey.along[at]), float(survey.across[at]))
-    return Footstep(step.foot, hold, Tread(slope, (back, forward, right + BESIDE, left + BESIDE)))
+    return Footstep(step.foot, hold, Tread(slope, (back, forward, right + BESIDE, left + BESIDE), step.over))

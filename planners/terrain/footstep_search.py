@@ -16,6 +16,7 @@ from planners.gait.tread import leg_height
 from planners.terrain.survey import Survey
 
 LEVEL = 0.03  #: Difference of height from which ground is another, and of way up to which feet are together [m]
+_OVER = 0.75  #: Share of ``reach.rise`` for what a foot passes on its way: the body does not rise with it [-]
 _BESIDE = 0.10  #: Of way up to which feet are beside each other before and after a step to another level [m]
 _COMFORT = 0.01  #: Room ahead and back from which on an edge does not matter [m]
 _INSIDE = 0.01  #: A step is planned so far inside the reach [m]
@@ -53,6 +54,7 @@ class Step(NamedTuple):
     row: int
     column: int
     height: float  #: [m]
+    over: float  #: See ``Tread`` [m]
 
 
 class _Limits(NamedTuple):
@@ -62,6 +64,7 @@ class _Limits(NamedTuple):
     narrow: float
     wide: float
     rise: float
+    over: float  #: Of what a foot passes above its ends
     body: float  #: Of the body along the line
     sway: float  #: and across
     width: float
@@ -71,6 +74,8 @@ class _Limits(NamedTuple):
     flat: float  #: Difference of height between places on one level
     comfort: float
     leg: float
+    heel: float  #: Of a sole, in its frame
+    toe: float
 
 
 class _Begun(NamedTuple):
@@ -80,24 +85,26 @@ class _Begun(NamedTuple):
     foot: NDArray[np.int64]  #: That steps next (k,)
     seen: NDArray[np.bool_]  #: Whether a sole is on known ground, so that none is felt any more (k,)
     cost: Vector  #: (k,)
+    over: Vector  #: Of the last step, see ``Tread`` (k,) [m]
 
 
 class FootstepSearch:
     """A beam search: from ``_WIDTH`` beginnings at most, each next step to every place where a sole lies and in reach.
 
-    On one level the feet go ahead in turn; before and after a step to another level they are at most ``_BESIDE`` apart
-    along the line, and at the end side by side.
+    On one level the feet go ahead in turn; before and after a step to another level, or over what is higher than both
+    its ends, they are at most ``_BESIDE`` apart along the line, and at the end side by side.
     """
 
-    def __init__(self, config: GaitConfig, stride: float, sole: float) -> None:
-        """``stride`` is the usual length of a step, ``sole`` the width of one [m]."""
-        self._costs, self._stance = Costs(), _STANCE + sole
+    def __init__(self, config: GaitConfig, stride: float, sole: tuple[float, float, float, float]) -> None:
+        """``stride`` is the usual length of a step [m], ``sole`` the rectangle of one."""
+        self._costs, self._stance = Costs(), _STANCE + sole[3] - sole[2]
         reach, velocity, period = config.reach, config.velocity, config.period
         self.limits = _Limits(
             reach.forward - _INSIDE,
             reach.width_min + _INSIDE,
             reach.width_max - _INSIDE,
             reach.rise,
+            _OVER * reach.rise,
             velocity.forward * period - _INSIDE,
             velocity.lateral * period - _INSIDE,
             reach.width,
@@ -107,6 +114,8 @@ class FootstepSearch:
             config.ground.level,
             _COMFORT,
             config.leg,
+            sole[0],
+            sole[1],
         )
 
     def steps(self, places: Places, feet: Matrix, foot: int | None, *, known: bool, distance: float) -> list[Step]:
@@ -119,7 +128,8 @@ class FootstepSearch:
         felt = float(feet[:, 0].max()) + self.limits.stride
         starts = (LEFT, RIGHT) if foot is None else (foot,)
         count = len(starts)
-        begun = _Begun(np.array([feet] * count), np.array(starts), np.array([known] * count), np.zeros(count))
+        zero = np.zeros(count)
+        begun = _Begun(np.array([feet] * count), np.array(starts), np.array([known] * count), zero, zero)
         history: list[tuple[NDArray[np.int64], NDArray[np.int64], _Begun]] = []  # parents, places, beginnings
         best, end = math.inf, (-1, 0)
         for depth in range(_DEPTH + 1):
@@ -135,7 +145,7 @@ class FootstepSearch:
         for parents, chosen, after in reversed(history[: max(depth, 0)]):
             stepped = int(1 - after.foot[i])
             row, column = divmod(int(chosen[i]), len(places.sides))
-            steps.append(Step(stepped, row, column, float(after.at[i, stepped, 2])))
+            steps.append(Step(stepped, row, column, float(after.at[i, stepped, 2]), float(after.over[i])))
             i = int(parents[i])
         return steps[::-1]
 
@@ -152,7 +162,7 @@ class FootstepSearch:
     def _next(self, begun: _Begun, places: Places, felt: float) -> tuple[NDArray[np.int64], NDArray[np.int64], _Begun]:
         """Beginnings that are one step longer: their parents (k,), the places of that step (k,), and themselves."""
         ways, sides, survey = places
-        costs, nearest = _expand(begun, ways, sides, survey, felt, self.limits, self._costs)  # (k, n)
+        costs, nearest, overs = _expand(begun, ways, sides, survey, felt, self.limits, self._costs)  # (k, n)
         parents, along = np.nonzero(np.isfinite(costs))
         cost, place = costs[parents, along], nearest[parents, along]
         foot = begun.foot[parents]
@@ -167,25 +177,36 @@ class FootstepSearch:
         _, unique = np.unique(keys[order], axis=0, return_index=True)
         kept = order[np.sort(unique)[:_WIDTH]]
         seen = begun.seen[parents] | fits
-        return parents[kept], place[kept], _Begun(at[kept], 1 - foot[kept], seen[kept], cost[kept])
+        over = overs[parents, along]
+        return parents[kept], place[kept], _Begun(at[kept], 1 - foot[kept], seen[kept], cost[kept], over[kept])
 
 
 @njit(cache=True)
 def _expand(
     begun: _Begun, ways: Vector, sides: Vector, survey: Survey, felt: float, limits: _Limits, costs: Costs
-) -> tuple[Matrix, NDArray[np.int64]]:
+) -> tuple[Matrix, NDArray[np.int64], Matrix]:
     """Cost of each beginning (k) with a next step to each way (n), across from it at the best place; and that place.
 
-    A step is felt up to the way ``felt`` [m].
+    The third is ``Tread.over`` of that step. A step is felt up to the way ``felt`` [m].
     """
     shape = len(begun.cost), len(ways)
-    best, places = np.full(shape, np.inf), np.zeros(shape, np.int64)
+    best, places, overs = np.full(shape, np.inf), np.zeros(shape, np.int64), np.zeros(shape)
+    grid, highest = ways[1] - ways[0] if len(ways) > 1 else 1.0, np.empty(len(sides))
     for n in range(shape[0]):
         foot = begun.foot[n]
         stance, before, side = begun.at[n, 1 - foot], begun.at[n, foot], 1.0 if foot == LEFT else -1.0
         together = abs(stance[0] - before[0]) <= limits.beside + 1e-9
         apart = abs(stance[2] - before[2]) > limits.flat
+        highest[:] = -np.inf  # of what is between toe and heel of the sole before and after the step
+        row, own = max(math.ceil((before[0] + limits.toe - ways[0]) / grid), 0), 0
+        for j in range(len(sides)):
+            if abs(sides[j] - before[1]) < abs(sides[own] - before[1]):
+                own = j
         for i in range(shape[1]):
+            while row < shape[1] and ways[row] <= ways[i] + limits.heel:
+                for j in range(len(sides)):
+                    highest[j] = max(highest[j], survey.top[row, j])
+                row += 1
             ahead, swing = ways[i] - stance[0], ways[i] - before[0]
             beside = abs(ahead) <= limits.beside + 1e-9
             if ahead < -limits.level - 1e-9 or ahead > limits.forward or swing > 2.0 * limits.body:
@@ -196,10 +217,14 @@ def _expand(
                 out = side * (sides[j] - stance[1])
                 if out < limits.narrow or out > limits.wide or abs(sides[j] - before[1]) > 2.0 * limits.sway:
                     continue
-                room = limits.comfort
+                room, height = limits.comfort, survey.height[i, j] if survey.fits[i, j] == 1 else stance[2]
+                over = max(highest[j], highest[own]) - max(height, before[2])
+                over = over if over > limits.flat else 0.0
+                if over > 0.0 and (over + abs(height - before[2]) > limits.over or not (together or beside)):
+                    continue
                 if survey.fits[i, j] == 1:
-                    rise, room = survey.height[i, j] - stance[2], min(survey.room[i, j, 0], survey.room[i, j, 1])
-                elif survey.fits[i, j] < 0 and ways[i] <= felt + 1e-9 and not begun.seen[n]:  # level as far as known
+                    rise, room = height - stance[2], min(survey.room[i, j, 0], survey.room[i, j, 1])
+                elif survey.fits[i, j] < 0 and ways[i] <= felt + 1e-9 and not begun.seen[n] and over == 0.0:
                     if survey.low[i, j] < stance[2] - limits.level or survey.high[i, j] > stance[2] + limits.level:
                         continue
                     rise = 0.0
@@ -219,5 +244,5 @@ def _expand(
                 value += costs.edge * max(limits.comfort - room, 0.0) / limits.comfort
                 value += costs.line * off * off + costs.width * wider * wider
                 if value < best[n, i]:
-                    best[n, i], places[n, i] = value, i * len(sides) + j
-    return best, places
+                    best[n, i], places[n, i], overs[n, i] = value, i * len(sides) + j, over
+    return best, places, overs

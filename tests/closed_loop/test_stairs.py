@@ -99,6 +99,13 @@ def test_in_front_of_a_riser_that_is_too_high_it_stands_and_says_so() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_a_beam_that_it_sees_is_stepped_over_without_a_touch(robot: str) -> None:
+    case = climb(robot, 24, "seen_beam")
+    assert case["survived"] and case["trips"] == 0, case["reason"]
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(("scenario", "seed"), [("seen_high", 23), ("seen_appears", 23), ("seen_ahead", 662)])
 def test_with_a_fault_of_its_sight_it_does_not_fall(scenario: str, seed: int) -> None:
     case = climb("g1", seed, scenario)

@@ -56,7 +56,7 @@ def test_the_height_of_a_step_without_a_tread_does_not_count() -> None:
 
 
 def test_steps_survive_as_numbers() -> None:
-    for tread in (None, Tread((0.1, -0.2)), Tread((0.0, 0.1), (0.1, 0.2, 0.3, 0.4))):
+    for tread in (None, Tread((0.1, -0.2)), Tread((0.0, 0.1), (0.1, 0.2, 0.3, 0.4)), Tread(over=0.1)):
         made = Footstep(RIGHT, Foothold(1.0, 2.0, 0.3, 0.4), tread)
         assert footstep_of(*made.values) == made
 
@@ -122,10 +122,20 @@ def test_a_swing_clears_the_edge_between_its_footholds(rise: float, way: float) 
     assert path[passing, 1] - max(rise, 0.0) > 0.9 * min(abs(rise), 0.04)
 
 
-def foot_path(way: float, rise: float, duration: float = 0.5) -> np.ndarray:
+@pytest.mark.parametrize("rise", [0.0, 0.05, -0.05])
+@pytest.mark.parametrize("over", [0.05, 0.15])
+def test_a_swing_clears_what_is_higher_than_both_ends(over: float, rise: float) -> None:
+    path, edge, way = foot_path(0.4, rise, over=over), GAIT.swing.edge, 0.4
+    assert path[-1] == pytest.approx((way, rise), abs=2e-3)
+    above = path[(path[:, 0] > edge) & (path[:, 0] < way - edge), 1]
+    assert above.min() > max(rise, 0.0) + over + 0.9 * 0.02  # half the clearance of a level swing
+
+
+def foot_path(way: float, rise: float, duration: float = 0.5, over: float = 0.0) -> np.ndarray:
     """Places x, z of a swing (n, 2) [m]."""
     swing = SwingFoot(GAIT.swing)
-    foot, dt, places = swing.lift(np.zeros(4), 0.04, duration, np.zeros(2), target=(way, 0.0), rise=rise), 0.001, []
+    foot = swing.lift(np.zeros(4), 0.04, duration, np.zeros(2), target=(way, 0.0), rise=rise, over=over)
+    dt, places = 0.001, []
     for k in range(1, round(duration / dt)):
         foot = swing.step(foot, np.array([way, 0.0, rise, 0.0]), np.zeros(2), k * dt, duration, dt)
         places.append(foot.position[[0, 2]])
@@ -139,10 +149,32 @@ def test_a_level_swing_is_as_without_known_ground() -> None:
     assert up[0] > 0.5 and up[1] > 0.0
 
 
+def test_steps_take_the_time_that_they_need_and_those_kept_from_a_route_do_not_change() -> None:
+    level = [step(foot, 0.2, 0.0) for foot in (LEFT, RIGHT)]
+    passing = [replace(made, hold=structs.replace(made.hold, x=0.6), tread=Tread(over=0.12)) for made in level]
+    quick, slow = route_over(level, SOLES, 0.0, GAIT), route_over([*level, *passing], SOLES, 0.0, GAIT)
+    acceleration = 10.0 / math.sqrt(3.0) * 0.4 / slow.swing**2  # were the foot to go on all the time
+    assert slow.swing > 2.0 * quick.swing and acceleration < GAIT.swing.lift_acceleration
+    kept = route_over([*quick.steps, *passing], SOLES, 0.0, GAIT, kept=2)
+    assert [made.time for made in kept.steps] == [quick.swing] * 2 + [slow.swing] * 2
+
+
+def test_the_dcm_of_a_step_is_ready_for_a_slower_one() -> None:
+    pace, poses = Pace(SINGLE, DOUBLE, 0.0, 0.05, 0.0), np.zeros((5, 6))
+    poses[:, 0], poses[:, 3] = 0.3 * np.arange(5), 0.1 * np.arange(5)
+    poses[3:, 5] = 0.9
+    ahead = dcm.height_at_touchdown(poses, False, OMEGA, pace) - 0.1
+    after = dcm.height_at_touchdown(poses[1:], False, OMEGA, pace) - 0.2  # one step later: the slow one is next
+    share = 1.0 - dcm.transfer_share(OMEGA, DOUBLE)
+    assert ahead == pytest.approx(math.exp(-OMEGA * (SINGLE + DOUBLE)) * (after + 0.1) - share * 0.1)
+    quick = dcm.height_at_touchdown(np.column_stack([poses[:, :5], np.zeros(5)]), False, OMEGA, pace) - 0.1
+    assert ahead < quick
+
+
 def test_on_even_stairs_the_com_goes_up_in_proportion_to_its_way() -> None:
     way, rise, pace = 0.3, 0.12, Pace(SINGLE, DOUBLE, 0.0, 0.05, 0.0)
     points = [np.array((i * way, 0.0)) for i in range(5)]
-    poses = np.array([(i * way, 0.0, 0.0, i * rise) for i in range(5)])
+    poses = np.array([(i * way, 0.0, 0.0, i * rise, 0.0, 0.0) for i in range(5)])
     height = dcm.height_at_touchdown(poses, False, OMEGA, pace)
     assert height - rise == pytest.approx(rise / way * touchdown_offset(points)[0])
 

@@ -1,6 +1,7 @@
 """Footsteps on a map: on the treads of stairs, on a slope, near unknown ground, and what stops in front of a wall."""
 
 import math
+import re
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -101,6 +102,27 @@ def test_a_trench_that_no_sole_fits_into_is_stepped_over(mapper: TerrainMapper) 
     assert why == "" and steps[-1].hold.x > 1.0
     for step in steps:
         assert step.hold.x + X_MAX < 0.5 or step.hold.x + X_MIN > 0.6
+
+
+@pytest.mark.parametrize("high", [0.1, 0.14])
+def test_a_beam_is_stepped_over_with_both_feet_beside_each_other(mapper: TerrainMapper, high: float) -> None:
+    steps, reason = plan_on(mapper, lambda x, _: high * (0.5 <= x < 0.6), distance=1.0)
+    assert not reason and in_turn(steps)
+    over = [i for i, step in enumerate(steps) if step.tread is not None and step.tread.over > 0.0]
+    assert len(over) == 2 and over[1] == over[0] + 1
+    for step in steps:
+        assert step.hold.x + X_MAX < 0.5 - GAIT.swing.edge + 0.02 or step.hold.x + X_MIN > 0.6 + GAIT.swing.edge - 0.02
+    for i in over:
+        tread = steps[i].tread
+        assert tread is not None and tread.over == pytest.approx(high, abs=0.01)
+    before, after = ([steps[i].hold.x for i in pair] for pair in ((over[0] - 2, over[0] - 1), over))
+    assert abs(before[1] - before[0]) <= 0.1 + 1e-9 and abs(after[1] - after[0]) <= 0.1 + 1e-9
+
+
+def test_a_beam_that_is_too_high_to_step_over_ends_the_plan(mapper: TerrainMapper) -> None:
+    steps, reason = plan_on(mapper, lambda x, _: 0.19 * (0.5 <= x < 0.6), distance=1.0)
+    assert all(step.hold.x + X_MAX < 0.5 for step in steps)
+    assert re.fullmatch(r"no room for a sole up to 0.55 m ahead, and 0.1\d m high, at most 0.15 m", reason)
 
 
 def test_near_the_feet_unknown_ground_is_felt_and_beyond_what_is_seen_it_ends_the_plan(mapper: TerrainMapper) -> None:
