@@ -134,6 +134,9 @@ def up(
     terrain_map: Annotated[
         bool, typer.Option(help="Cast depth camera and lidar, and map the ground, in three separate processes.")
     ] = False,
+    given_map: Annotated[
+        Path | None, typer.Option(help="Map of the ground that is known beforehand: a YAML file; poise map writes one.")
+    ] = None,
     motions: Annotated[Path | None, typer.Option(help="Folder of further motion files.")] = None,
     params_file: Annotated[
         Path | None, typer.Option(help="ROS parameter file: further parameters of the nodes.")
@@ -205,6 +208,13 @@ def up(
                     f"--terrain-map: {robot} has neither sensors.depth nor sensors.lidar; add one to its profile, or"
                     " start without --terrain-map"
                 )
+    if given_map is not None:
+        if several:
+            raise typer.BadParameter("--given-map goes with one robot")
+        from planners.terrain.given_map import load_given_map
+
+        with report_errors():
+            load_given_map(given_map)
     if several and plant != "mujoco":
         raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
     if plant == "mujoco" and plant_options:
@@ -249,6 +259,7 @@ def up(
             "state_estimator": {"friction.expected": expected_friction},
             **({"camera_node": {"terrain": terrain}} if camera else {}),
             **({"range_sensor_node": {"terrain": terrain}} if terrain_map else {}),
+            **({"terrain_mapper": {"given_map": str(given_map.resolve())}} if given_map is not None else {}),
             **own,
         },
         "calibration": calibration,
@@ -266,7 +277,14 @@ def up(
     raise typer.Exit(
         up_world(several, **options)
         if several
-        else launch(robot, namespace=namespace, camera=camera, terrain_map=terrain_map, **options)
+        else launch(
+            robot,
+            namespace=namespace,
+            camera=camera,
+            terrain_map=terrain_map,
+            given_map=given_map is not None,
+            **options,
+        )
     )
 
 
@@ -314,6 +332,20 @@ def key(file: Annotated[Path, typer.Argument(help="File to write; an existing fi
     with report_errors():
         write_key(file)
     console().print(f"{file}: new key; copy it to the robot and its operators, and keep it secret", markup=False)
+
+
+@app.command("map")
+def map_ground(
+    terrain: Annotated[str, typer.Argument(help="Ground: flight, tiles, stones, ...; models/config/terrain.yaml.")],
+    file: Annotated[Path, typer.Argument(help="YAML file to write, with a PNG of the heights beside it.")],
+) -> None:
+    """Write the map of a simulated ground, for poise up --given-map."""
+    from models.terrain import terrain_named
+    from planners.terrain.given_map import save_given_map, terrain_heights
+
+    with report_errors():
+        image = save_given_map(file, terrain_heights(terrain_named(terrain)))
+    console().print(f"{file}: heights of '{terrain}', with {image}", markup=False)
 
 
 @app.command("check-robot")

@@ -30,6 +30,7 @@ from models.terrain import FLAT, Terrain
 from models.types import CommandReply, ControlResult, Mode, RobotState, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.planner import GaitPlanner
+from planners.terrain.elevation_map import Heights
 
 
 class ClosedLoop(AbstractContextManager["ClosedLoop"]):
@@ -71,7 +72,8 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         calibration: Calibration of the sensors; optional.
         faults: Faults of sensors and motors, injected at the release of the base by default; see ``docs/faults.md``.
         obstacle_stop: Whether a walk stops when the scanner of the robot detects ``plant.obstacle`` ahead.
-        terrain_map: Whether depth camera and lidar map the ground; the map is that of ``ground_view.mapper``.
+        terrain_map: Whether depth camera and lidar map the ground, or heights that are given for it; the map is that of
+            ``ground_view.mapper``.
         start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
         black_box: Folder for the files of a black box, one for each fault that damps the robot; optional.
         mcap: File for a recording that ``poise replay`` reproduces, complete at ``close``; optional. ``reset`` restarts
@@ -109,7 +111,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         calibration: Calibration | None = None,
         faults: Faults | None = None,
         obstacle_stop: bool = False,
-        terrain_map: bool = False,
+        terrain_map: bool | Heights = False,
         start: Literal["stand", "hang"] = "stand",
         black_box: Path | None = None,
         mcap: Path | None = None,
@@ -176,7 +178,9 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         if obstacle_stop:
             self._guard = ObstacleGuard(self._lockstep, seed, float(sensor_noise), self._note)
             self.stack.velocity_input = self._guard
-        self._ground_view = GroundView(self._lockstep, terrain, seed, float(sensor_noise)) if terrain_map else None
+        given = None if isinstance(terrain_map, bool) else terrain_map
+        sees = terrain_map is not False
+        self._ground_view = GroundView(self._lockstep, terrain, seed, float(sensor_noise), given) if sees else None
         try:
             (self.hang if start == "hang" else self.reset)()
         except PoiseError:

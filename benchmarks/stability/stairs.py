@@ -24,6 +24,7 @@ from planners.gait.route import Footstep
 from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner
+from planners.terrain.given_map import terrain_heights
 from planners.terrain.ground_route import Answer, GroundRoute
 from planners.terrain.stairs import Stairs, stair_footsteps
 
@@ -55,6 +56,7 @@ class Flight:
 
     rise: float  #: Of each step [m]
     seen: bool = False  #: By its own depth camera and lidar; else by its geometry
+    given: bool = False  #: As a map, without sensors
     count: Annotated[int, Field(ge=0)] | None = None  #: Risers up, rows of stones or tiles; as all stairs when None
     gap: Positive | None = None  #: Between stones as long as a tread, of heights up to ``rise``; stairs when None [m]
     tile: Positive | None = None  #: Edge of tiles of heights up to ``rise``; stairs when None [m]
@@ -100,11 +102,12 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
     """
     config = _config()
     terrain, way = _ground(flight, config, seed)
-    loop = ClosedLoop(robot, seed=seed, terrain=terrain, terrain_map=flight.seen, record_period_s=config.record_period)
+    ground = terrain_heights(terrain) if flight.given else flight.seen
+    loop = ClosedLoop(robot, seed=seed, terrain=terrain, terrain_map=ground, record_period_s=config.record_period)
     demand(loop, "walk")
     ended = ""
     start, x, gait = loop.t, float(loop.truth.q[0]), loop.gait
-    if flight.seen:
+    if flight.seen or flight.given:
         distance = way + _BEYOND - float(loop.truth.q[0])
         if flight.around:
             ended = walk_around(loop, distance)
@@ -148,7 +151,7 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
 def _ground(flight: Flight, config: StairsConfig, seed: int) -> tuple[Terrain, float]:
     """The terrain, and the place of its last edge along the way [m]."""
     count = config.count if flight.count is None else flight.count
-    patch = config.seen_ahead if flight.seen else Terrain("flat").patch
+    patch = config.seen_ahead if flight.seen or flight.given else Terrain("flat").patch
     if flight.box is not None:
         length, width = flight.box
         box = Box((length, width, flight.rise), (patch + 0.5 * length, 0.0))

@@ -325,6 +325,7 @@ def up(
     actions: bool = False,
     camera: bool = False,
     terrain_map: bool = False,
+    given_map: bool = False,
     robot_network: RobotNetwork | None = None,
     ending: EndConfig | None = None,
     **options: Any,
@@ -340,7 +341,8 @@ def up(
 
     def make(say: Callable[[str], object]) -> Graph:
         offered = actions_possible(actions, say)
-        specs = process_specs(processes, actions=offered, camera=camera, terrain_map=terrain_map)
+        mapping = {"terrain_map": terrain_map, "given_map": given_map}
+        specs = process_specs(processes, actions=offered, camera=camera, **mapping)
         if robot_network is not None:
             specs = robot_network.processes(specs, robot)
         return Graph(robot, specs=specs, say=say, **options)

@@ -26,6 +26,7 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "robot_domain": ("", "DDS domain of a real robot; that of plant_options, or 0, where empty"),
     "camera": ("false", "Whether to draw the robot's camera, in a process of its own"),
     "params_file": ("", "ROS parameter file: further parameters of the nodes, NODE: {ros__parameters: {NAME: VALUE}}"),
+    "given_map": ("", "Map of the ground that is known beforehand: a YAML file, as poise map writes it"),
     "terrain_map": ("false", "Whether to cast depth camera and lidar, and map the ground, in three further processes"),
 }
 FLAGS = ("lockstep", "network", "camera", "terrain_map")

@@ -9,11 +9,14 @@ from models.constants import NANOSECONDS
 from models.errors import ConfigError
 from models.range_sensor import PointCloud
 from models.terrain import Terrain
+from planners.terrain.elevation_map import Heights
 from planners.terrain.mapper import Posture, TerrainMapper
 
 
 class GroundView:
     """Casts the rays of a robot's range sensors from its true state, and maps them with its estimate.
+
+    With ``given`` heights the mapper has these instead of the sensors.
 
     Attributes:
         mapper: The law.
@@ -23,18 +26,20 @@ class GroundView:
         costs: Processor time of each update by the frame of its sensor [s].
     """
 
-    def __init__(self, lockstep: Lockstep, terrain: str | Terrain, seed: int, noise: float) -> None:
+    def __init__(
+        self, lockstep: Lockstep, terrain: str | Terrain, seed: int, noise: float, given: Heights | None = None
+    ) -> None:
         self._lockstep, robot = lockstep, lockstep.plant.robot
         self._world = RayWorld(robot, terrain)
         sensors = robot.profile.sensors
         self._sensors: list[SimulatedDepthCamera | SimulatedLidar] = []
-        if sensors.depth is not None:
+        if sensors.depth is not None and given is None:
             self._sensors.append(SimulatedDepthCamera(self._world, seed, noise))
-        if sensors.lidar is not None:
+        if sensors.lidar is not None and given is None:
             self._sensors.append(SimulatedLidar(self._world, seed, noise))
-        if not self._sensors:
+        if not self._sensors and given is None:
             raise ConfigError(f"terrain_map: {robot.name} has neither sensors.depth nor sensors.lidar")
-        self.mapper = TerrainMapper(robot)
+        self.mapper = TerrainMapper(robot, given=given)
         self.blind = False
         self.reset()
 

@@ -310,11 +310,20 @@ LOCKSTEP_NODES = frozenset({"robot_driver", "state_estimator", "balance_controll
 
 
 def process_specs(
-    processes: Processes = "shared", *, actions: bool = False, camera: bool = False, terrain_map: bool = False
+    processes: Processes = "shared",
+    *,
+    actions: bool = False,
+    camera: bool = False,
+    terrain_map: bool = False,
+    given_map: bool = False,
 ) -> list[ProcessSpec]:
-    """Processes of the graph, the plant's first; gait planner, controller and estimator in one, or all separate."""
+    """Processes of the graph, the plant's first; gait planner, controller and estimator in one, or all separate.
+
+    ``terrain_map`` and ``given_map`` both map the ground, from range sensors or what is given.
+    """
     control = [CONTROL] if processes == "shared" else [GAIT, CONTROLLER, ESTIMATOR]
-    seeing = [*([CAMERA] if camera else []), *([RANGES, TERRAIN, GROUND] if terrain_map else [])]
+    mapping = [TERRAIN, GROUND] if terrain_map or given_map else []
+    seeing = [*([CAMERA] if camera else []), *([RANGES] if terrain_map else []), *mapping]
     return [BRIDGE, *control, PLANNER, SUPERVISOR, *([ACTIONS] if actions else []), *seeing]
 
 

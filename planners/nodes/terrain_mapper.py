@@ -4,6 +4,7 @@ import time
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from models.nodes.qos import COMMAND, SENSOR, STATE
 from models.nodes.services import own_message
 from models.nodes.spin import program
 from planners.terrain.config import TerrainMapConfig
+from planners.terrain.given_map import load_given_map
 from planners.terrain.mapper import Posture, TerrainMapper
 
 HISTORY = 1.0  #: Age of the oldest state that is kept for a cloud [s]
@@ -80,13 +82,16 @@ class TerrainMapperNode(PoiseNode):
         self._tolerance = declare_ns(self, "state_tolerance", 0.02, text, low=0.0)
         text = "Have lost parts of a cloud sent again; false for a sensor driver that offers best effort only"
         self._reliable = declare(self, "reliable", True, text)
+        text = "YAML file of a map of the ground, used where nothing is seen; empty: none"
+        self._given = declare(self, "given_map", "", text)
         self._periods = (
             declare_period(self, "map_rate", 30.0, "terrain/grid_map"),
             declare_period(self, "patch_rate", 2.0, "terrain/patches"),
         )
 
     def configure(self) -> None:
-        self._law = TerrainMapper(self.model, self._config)
+        given = load_given_map(Path(self._given)) if self._given else None
+        self._law = TerrainMapper(self.model, self._config, given)
         self._odometry, self._joints, self._contacts = _History(), _History(), _History()
         self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(self.model)
         self._coming: tuple[bool, bool] | None = None  # contacts whose odometry has yet to come
@@ -128,6 +133,8 @@ class TerrainMapperNode(PoiseNode):
             around = self._around(stamp)
             if None not in around.values() and (posture := self._posture(around)) is not None:
                 self._law.follow(to_seconds(stamp), posture)
+                if self._given:
+                    self._publish(stamp)
 
     def _on_contacts(self, message: Any) -> None:
         self._coming = contacts_from_message(message)  # without a stamp, published before the odometry of their tick
@@ -197,7 +204,7 @@ class TerrainMapperNode(PoiseNode):
             return
         law = self._law
         self.level = DiagnosticStatus.WARN if self._missing else DiagnosticStatus.OK
-        self.message = self._missing or ("mapping" if self._clouds else "no cloud yet")
+        self.message = self._missing or ("mapping" if self._clouds else "given map" if self._given else "no cloud yet")
         self.values |= {
             "clouds": str(self._clouds),
             "newest cloud took [ms]": f"{1e3 * self._took:.1f}",

@@ -148,6 +148,15 @@ class ElevationMap:
                 new = slice(self.cells - count, None) if shift[axis] > 0 else slice(0, count)
                 array[(new, slice(None)) if axis == 0 else (slice(None), new)] = unknown
 
+    def fill(self, t: float, ground: Heights, reference: float, variance: float) -> None:
+        """Take unknown cells from heights that are given, ``reference`` [m] above those of the map, at a stamp [s]."""
+        i, j = np.nonzero(~self.known)
+        places: Matrix = ((self.origin + np.column_stack([i, j]) + 0.5) * self.cell).astype(np.float64)
+        heights = ground.at(places) - reference
+        found = np.isfinite(heights)
+        i, j = i[found], j[found]
+        self.height[i, j], self.variance[i, j], self.seen[i, j] = heights[found], variance, t
+
     def shift(self, height: float) -> None:
         """Raise every height [m]."""
         self.height += height

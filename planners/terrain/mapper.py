@@ -36,6 +36,9 @@ class TerrainMapper:
     level part of the map below it; before the first of these, once, from that of both bearing soles above level ground
     in front of them, since a standing robot does not see the ground below it.
 
+    With ``given`` heights of the ground, what is not seen is taken from them. Their places are those of the odometry;
+    their heights count from that below the stance sole, so that no drift of the odometry's height matters.
+
     Points of the robot itself are left out, see ``BodyFilter``, and those outside of the sensor's range: drivers send
     zeros for pixels without a measurement. ``update`` refuses a malformed cloud with a ``MessageError``.
 
@@ -47,17 +50,17 @@ class TerrainMapper:
         residual: Last height of a sole above the map [m]; nan before the first.
 
     Raises:
-        ConfigError: The robot's profile has neither depth camera nor lidar.
+        ConfigError: The robot's profile has neither depth camera nor lidar, and no heights are given.
     """
 
-    def __init__(self, robot: RobotModel, config: TerrainMapConfig | None = None) -> None:
+    def __init__(self, robot: RobotModel, config: TerrainMapConfig | None = None, given: Heights | None = None) -> None:
         self.robot, self.config = robot, config or default_config(TerrainMapConfig, "planners", "terrain_map")
         sensors = robot.profile.sensors
         fitted = {DEPTH_FRAME: sensors.depth, LIDAR_FRAME: sensors.lidar}
         self._sensors: dict[str, RangeSensor] = {frame: each for frame, each in fitted.items() if each is not None}
-        if not self._sensors:
+        if not self._sensors and given is None:
             raise ConfigError(f"{robot.name}: sensors.depth, sensors.lidar: the profile has none to see the ground")
-        self.map = ElevationMap(self.config)
+        self.map, self._given = ElevationMap(self.config), given
         self._body, self._data = BodyFilter(robot, self.config.body), robot.data()
         widths = [foot.rectangle[3] - foot.rectangle[2] for foot in robot.feet]
         self._inset = 0.5 * max(widths)
@@ -88,6 +91,7 @@ class TerrainMapper:
             if np.isfinite(self.t):
                 self.map.age(self.config.fusion.drift * (t - self.t))
             self.t = t
+            self._fill(t, posture)
 
     def update(self, cloud: PointCloud, posture: Posture) -> int:
         """Fuse a cloud, with the posture at its stamp; returns how many cells it measured.
@@ -157,6 +161,16 @@ class TerrainMapper:
             self._compare_ahead(soles)
         self._swinging = not contacts[1 - self._anchor]
 
+    def _fill(self, t: float, posture: Posture) -> None:
+        """Take what is unknown from the given heights, if these are known below the stance sole."""
+        if self._given is None or self._anchor is None or not posture.contacts[self._anchor]:
+            return
+        self.map.move_to(*posture.q[:2])
+        sole = self._data.oMf[self.robot.feet[self._anchor].frame_id].translation
+        below = float(self._given.at(sole[None, :2])[0])
+        if np.isfinite(below):
+            self.map.fill(t, self._given, below, self.config.given**2)
+
     def _heights(self, foot: int, sole: pin.SE3, x_min: float, x_max: float) -> Vector:
         """Heights of a sole's plane above the map, from x_min to x_max [m] along it (n,) [m]; nan where unknown."""
         _, _, y_min, y_max = self.robot.feet[foot].rectangle
@@ -194,9 +208,10 @@ class TerrainMapper:
 
     def _compile(self) -> None:
         """Run every kernel once: the first cloud must not wait for the compiler."""
-        q = self.robot.standing_configuration()
-        frame = next(iter(self._sensors))
-        self.update(PointCloud(0.0, frame, np.ones((2, 3))), Posture(q, (True, True)))
+        posture = Posture(self.robot.standing_configuration(), (True, True))
+        self.follow(0.0, posture)
+        for frame in list(self._sensors)[:1]:
+            self.update(PointCloud(0.0, frame, np.ones((2, 3))), posture)
         corner = slice(self.map.cells // 2, None)
         self.map.height[:], self.map.variance[:] = 0.0, 0.0
         self.map.variance[corner, corner] = np.inf  # a patch that is cut in two

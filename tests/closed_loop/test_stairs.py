@@ -106,6 +106,12 @@ def test_a_beam_that_it_sees_is_stepped_over_without_a_touch(robot: str) -> None
 
 
 @pytest.mark.long
+def test_it_crosses_stones_on_a_map_that_it_is_given() -> None:
+    case = climb("g1", 25, "given_stones")
+    assert case["survived"], case["reason"]
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(("scenario", "seed"), [("seen_high", 23), ("seen_appears", 23), ("seen_ahead", 662)])
 def test_with_a_fault_of_its_sight_it_does_not_fall(scenario: str, seed: int) -> None:
     case = climb("g1", seed, scenario)

@@ -1,5 +1,6 @@
 """Clouds, depth pictures and maps as messages, and the nodes that make them from states and from each other."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,10 @@ from models.nodes.qos import COMMAND, LATCHED, SENSOR, STATE
 from models.nodes.services import own_message
 from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, PointCloud
 from models.robot_model import RobotModel
+from models.terrain import terrain_named
 from models.types import ContactState, RobotState
 from planners.nodes.terrain_mapper import TerrainMapperNode
+from planners.terrain.given_map import save_given_map, terrain_heights
 
 pytestmark = pytest.mark.ros
 
@@ -229,6 +232,20 @@ def test_clouds_become_a_map_and_patches_in_odom(bench: Any, g1: RobotModel, typ
     assert np.nanmedian(ahead) == pytest.approx(0.5, abs=0.015)
     world.driver.publish(String(data=topics.HELD))
     bench.wait(lambda: not mapper._law.map.known.any())
+
+
+def test_a_given_map_is_published_without_clouds(bench: Any, g1: RobotModel, types: Any, tmp_path: Path) -> None:
+    save_given_map(tmp_path / "map.yaml", terrain_heights(terrain_named("flight")))
+    mapper = bench.add(TerrainMapperNode, given_map=str(tmp_path / "map.yaml"))
+    world = World(bench, g1, listens=False)
+    world.drift = 0.5
+    world.receive_maps(types)
+    world.until(lambda: len(world.maps) > 2 and world.patches)
+    elevation, n = layer_of(world.maps[-1], "elevation"), 150
+    assert elevation[n // 2 + 40, n // 2] == pytest.approx(0.5, abs=0.02)
+    assert elevation[n // 2 + 60, n // 2] == pytest.approx(0.65, abs=0.02)  # the first tread, 1.2 m ahead
+    mapper.publish_diagnostics()
+    assert mapper.message == "given map"
 
 
 def test_points_of_no_known_state_or_frame_are_refused(bench: Any, g1: RobotModel) -> None:
