@@ -136,7 +136,7 @@ class FootstepSearch:
             costs = self._end_costs(begun, distance)
             if len(costs) and costs.min() < best:
                 best, end = float(costs.min()), (depth, int(costs.argmin()))
-            if depth == _DEPTH or not len(begun.cost):
+            if depth == _DEPTH or not len(begun.cost) or begun.cost.min() >= best:  # more steps cost more
                 break
             parents, chosen, begun = self._next(begun, places, felt)
             history.append((parents, chosen, begun))
@@ -173,12 +173,31 @@ class FootstepSearch:
         at[rows, foot] = np.stack([ways[i], sides[j], height], axis=1)
         value = cost - self._costs.left * at[:, :, 0].mean(axis=1) / self.limits.stride
         keys = np.column_stack([foot, np.round(at[:, :, 0] / _KEY[0]), np.round(at[:, :, 1] / _KEY[1])])
-        order = np.argsort(value, kind="stable")
-        _, unique = np.unique(keys[order], axis=0, return_index=True)
-        kept = order[np.sort(unique)[:_WIDTH]]
+        kept = _first_of_each(np.argsort(value, kind="stable"), keys, _WIDTH)
         seen = begun.seen[parents] | fits
         over = overs[parents, along]
         return parents[kept], place[kept], _Begun(at[kept], 1 - foot[kept], seen[kept], cost[kept], over[kept])
+
+
+@njit(cache=True)
+def _first_of_each(order: NDArray[np.int64], keys: Matrix, most: int) -> NDArray[np.int64]:
+    """At most so many rows in that order, the first one of each key (k, 5)."""
+    kept, count = np.empty(most, np.int64), 0
+    for row in order:
+        new = count < most
+        for k in range(count):
+            if not new:
+                break
+            same = True
+            for i in range(keys.shape[1]):
+                same = same and keys[row, i] == keys[kept[k], i]
+            new = not same
+        if new:
+            kept[count] = row
+            count += 1
+        if count == most:
+            break
+    return kept[:count]
 
 
 @njit(cache=True)
