@@ -16,7 +16,7 @@ from planners.gait.tread import leg_height
 from planners.terrain.survey import Survey
 
 LEVEL = 0.03  #: Difference of height from which ground is another, and of way up to which feet are together [m]
-_OVER = 0.75  #: Share of ``reach.rise`` for what a foot passes on its way: the body does not rise with it [-]
+_OVER = 0.6  #: Share of ``reach.rise`` for what a foot passes on its way: the body does not rise with it [-]
 _BESIDE = 0.10  #: Of way up to which feet are beside each other before and after a step to another level [m]
 _COMFORT = 0.01  #: Room ahead and back from which on an edge does not matter [m]
 _INSIDE = 0.01  #: A step is planned so far inside the reach [m]

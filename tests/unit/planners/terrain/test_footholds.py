@@ -104,7 +104,7 @@ def test_a_trench_that_no_sole_fits_into_is_stepped_over(mapper: TerrainMapper) 
         assert step.hold.x + X_MAX < 0.5 or step.hold.x + X_MIN > 0.6
 
 
-@pytest.mark.parametrize("high", [0.1, 0.14])
+@pytest.mark.parametrize("high", [0.08, 0.11])
 def test_a_beam_is_stepped_over_with_both_feet_beside_each_other(mapper: TerrainMapper, high: float) -> None:
     steps, reason = plan_on(mapper, lambda x, _: high * (0.5 <= x < 0.6), distance=1.0)
     assert not reason and in_turn(steps)
@@ -122,7 +122,7 @@ def test_a_beam_is_stepped_over_with_both_feet_beside_each_other(mapper: Terrain
 def test_a_beam_that_is_too_high_to_step_over_ends_the_plan(mapper: TerrainMapper) -> None:
     steps, reason = plan_on(mapper, lambda x, _: 0.19 * (0.5 <= x < 0.6), distance=1.0)
     assert all(step.hold.x + X_MAX < 0.5 for step in steps)
-    assert re.fullmatch(r"no room for a sole up to 0.55 m ahead, and 0.1\d m high, at most 0.15 m", reason)
+    assert re.fullmatch(r"no room for a sole up to 0.55 m ahead, and 0.1\d m high, at most 0.12 m", reason)
 
 
 def test_near_the_feet_unknown_ground_is_felt_and_beyond_what_is_seen_it_ends_the_plan(mapper: TerrainMapper) -> None:
