@@ -72,8 +72,8 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         calibration: Calibration of the sensors; optional.
         faults: Faults of sensors and motors, injected at the release of the base by default; see ``docs/faults.md``.
         obstacle_stop: Whether a walk stops when the scanner of the robot detects ``plant.obstacle`` ahead.
-        terrain_map: Whether depth camera and lidar map the ground, or heights that are given for it; the map is that of
-            ``ground_view.mapper``.
+        terrain_map: Whether depth camera and lidar map the ground; the map is that of ``ground_view.mapper``.
+        given_map: Heights of the ground that the map takes where it is not seen.
         start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
         black_box: Folder for the files of a black box, one for each fault that damps the robot; optional.
         mcap: File for a recording that ``poise replay`` reproduces, complete at ``close``; optional. ``reset`` restarts
@@ -111,7 +111,8 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         calibration: Calibration | None = None,
         faults: Faults | None = None,
         obstacle_stop: bool = False,
-        terrain_map: bool | Heights = False,
+        terrain_map: bool = False,
+        given_map: Heights | None = None,
         start: Literal["stand", "hang"] = "stand",
         black_box: Path | None = None,
         mcap: Path | None = None,
@@ -178,9 +179,10 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         if obstacle_stop:
             self._guard = ObstacleGuard(self._lockstep, seed, float(sensor_noise), self._note)
             self.stack.velocity_input = self._guard
-        given = None if isinstance(terrain_map, bool) else terrain_map
-        sees = terrain_map is not False
-        self._ground_view = GroundView(self._lockstep, terrain, seed, float(sensor_noise), given) if sees else None
+        self._ground_view = None
+        if terrain_map or given_map is not None:
+            noise = float(sensor_noise)
+            self._ground_view = GroundView(self._lockstep, terrain, seed, noise, given_map, sees=terrain_map)
         try:
             (self.hang if start == "hang" else self.reset)()
         except PoiseError:

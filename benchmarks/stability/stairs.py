@@ -102,8 +102,14 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
     """
     config = _config()
     terrain, way = _ground(flight, config, seed)
-    ground = terrain_heights(terrain) if flight.given else flight.seen
-    loop = ClosedLoop(robot, seed=seed, terrain=terrain, terrain_map=ground, record_period_s=config.record_period)
+    loop = ClosedLoop(
+        robot,
+        seed=seed,
+        terrain=terrain,
+        terrain_map=flight.seen,
+        given_map=terrain_heights(terrain) if flight.given else None,
+        record_period_s=config.record_period,
+    )
     demand(loop, "walk")
     ended = ""
     start, x, gait = loop.t, float(loop.truth.q[0]), loop.gait

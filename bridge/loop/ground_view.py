@@ -16,7 +16,7 @@ from planners.terrain.mapper import Posture, TerrainMapper
 class GroundView:
     """Casts the rays of a robot's range sensors from its true state, and maps them with its estimate.
 
-    With ``given`` heights the mapper has these instead of the sensors.
+    The mapper takes what is not seen from ``given`` heights; without ``sees`` there are no sensors.
 
     Attributes:
         mapper: The law.
@@ -27,15 +27,22 @@ class GroundView:
     """
 
     def __init__(
-        self, lockstep: Lockstep, terrain: str | Terrain, seed: int, noise: float, given: Heights | None = None
+        self,
+        lockstep: Lockstep,
+        terrain: str | Terrain,
+        seed: int,
+        noise: float,
+        given: Heights | None = None,
+        *,
+        sees: bool = True,
     ) -> None:
         self._lockstep, robot = lockstep, lockstep.plant.robot
         self._world = RayWorld(robot, terrain)
         sensors = robot.profile.sensors
         self._sensors: list[SimulatedDepthCamera | SimulatedLidar] = []
-        if sensors.depth is not None and given is None:
+        if sensors.depth is not None and sees:
             self._sensors.append(SimulatedDepthCamera(self._world, seed, noise))
-        if sensors.lidar is not None and given is None:
+        if sensors.lidar is not None and sees:
             self._sensors.append(SimulatedLidar(self._world, seed, noise))
         if not self._sensors and given is None:
             raise ConfigError(f"terrain_map: {robot.name} has neither sensors.depth nor sensors.lidar")

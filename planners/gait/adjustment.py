@@ -175,8 +175,8 @@ class StepPlanner:
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
         # Less than any step without a trip; not put off again and again by a foot that stays caught.
         tripped = min(swing.rising_until + config.swing.trip_landing, config.timing.single_max)
-        soonest = max(single_min, elapsed + config.swing.freeze, _HURRY * walk.command.route.swing, tripped)
-        latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
+        soonest = max(single_min, elapsed + config.swing.freeze, _HURRY * float(poses[1, 5]), tripped)
+        latest, ends = max(config.timing.single_max, soonest, float(poses[1, 5])), walk.command.steps_left is not None
         motion, room = swing.towards(step.hold.x, step.hold.y), self._room(walk)
         body = measured.com, measured.com_velocity
         own, lead = (Region.URGENT, config.swing.urgent_lead) if walk.urgent else (Region.OWN, 0.0)
@@ -224,14 +224,17 @@ class StepPlanner:
         if command.route.steps:
             steps = zip(command.route.steps, command.route.ahead(stance, count, self._limits, level), strict=False)
             coming = [(*hold.pose, hold.z - stance.z, step.over, step.time) for step, hold in steps]
-            return np.array([(*stance.pose, 0.0, 0.0, 0.0), *coming])
+            poses = np.array([(*stance.pose, 0.0, 0.0, 0.0), *coming])
+            if walk.landing is not None:
+                poses[1, 4:] = walk.landing.over, walk.landing.time
+            return poses
         period, velocity, left = walk.pace.period, command.asked, command.steps_left
         if walk.landing is None:
             return preview_poses(stance, walk.foot, velocity, period, self._bounds, count, left)
         first = clamped(stance, walk.foot, *walk.landing.hold.pose, self._limits)
         after = None if left is None else max(left - 1, 1)
         poses = preview_poses(first, 1 - walk.foot, velocity, period, self._bounds, count - 1, after)
-        poses[:, 3], poses[0, 4] = walk.landing.hold.z - level, walk.landing.over
+        poses[:, 3], poses[0, 4:] = walk.landing.hold.z - level, (walk.landing.over, walk.landing.time)
         return np.vstack([(*stance.pose, 0.0, 0.0, 0.0), poses])
 
 

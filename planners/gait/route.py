@@ -27,6 +27,7 @@ from planners.gait.footsteps import (
 from planners.gait.tread import Tread, clearance_over, crouch_between, passing_time, swing_time
 
 SLACK = 1e-6  #: Tolerance of the limits for rounding [m, rad]
+_ANY_ROOM = (math.inf,) * 4  #: Of a tread without bounds, among numbers [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +48,9 @@ class Footstep:
 
     @property
     def values(self) -> list[float]:
-        """The step as numbers: foot, foothold, slope, room and height passed if any; see ``footstep_of``."""
+        """The step as numbers: foot, foothold, and of a tread slope, room and ``over``; see ``footstep_of``."""
         known = self.tread
-        tread = () if known is None else (*known.slope, *(known.room or ()), *((known.over,) if known.over else ()))
+        tread = () if known is None else (*known.slope, *(known.room or _ANY_ROOM), known.over)
         return [self.foot, *structs.astuple(self.hold), *tread]
 
     @property
@@ -70,9 +71,8 @@ def footstep_of(foot: float, x: float, y: float, yaw: float, z: float, *tread: f
     """Step of its ``values``."""
     known = None
     if tread:
-        rise_x, rise_y, *more = tread
-        over = more.pop() if len(more) % 4 else 0.0
-        known = Tread((rise_x, rise_y), (more[0], more[1], more[2], more[3]) if more else None, over)
+        rise_x, rise_y, back, forward, right, left, over = tread
+        known = Tread((rise_x, rise_y), None if math.isinf(back) else (back, forward, right, left), over)
     return Footstep(int(foot), Foothold(x, y, yaw, z), known)
 
 
@@ -237,6 +237,8 @@ def _too_steep(stance: Foothold, foot: int, hold: Foothold, tread: Tread | None,
     if not abs(rise) <= most + SLACK:  # neither is that of a NaN
         way = "above" if rise > 0.0 else "below"
         return f"{abs(rise):.3f} m {way} the {FOOT_NAMES[1 - foot]} sole, at most {most:.3f} m"
+    if tread is not None and not 0.0 <= tread.over <= most:
+        return f"over ground {tread.over:.3f} m higher than its ends, from 0 to {most:.3f} m"
     slope = 0.0 if tread is None else math.hypot(*tread.slope)
     if not slope <= config.ground.slope_max + SLACK:
         return f"tilted by {math.atan(slope):.3f} rad, at most {math.atan(config.ground.slope_max):.3f} rad"

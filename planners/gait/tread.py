@@ -123,11 +123,11 @@ def swing_shares(
     passing, margin = _quintic_time(edge / way), 0.5 * (clearance - over)
     rising = _quintic_time((begin + min(begin, margin)) / up) * top if begin > 0.0 else 0.0
     falling = _quintic_time((end + min(end, margin)) / down) * (1.0 - top + early) if end > 0.0 else 0.0
-    wait, settle = max(rising - passing, 0.0), max(falling - passing, 0.0)
-    if wait > 0.0 and settle > 0.0:
+    wait, settle = max(rising - passing, 0.0) / (1.0 - passing), max(falling - passing, 0.0) / (1.0 - passing)
+    if (wait > 0.0 and falling > passing * (1.0 - wait)) or (settle > 0.0 and rising > passing * (1.0 - settle)):
         passing *= (1.0 - rising - falling) / (1.0 - 2.0 * passing)  # of the time in which it goes on
         return top, max(rising - passing, 0.0), max(falling - passing, 0.0)
-    return top, wait / (1.0 - passing), settle / (1.0 - passing)
+    return top, wait, settle
 
 
 @register_jitable

@@ -117,13 +117,16 @@ class GaitTopics:
     def _plan(stamp: int, view: GaitView, config: GaitConfig) -> Any:
         """Coming footsteps with the times of their touchdown."""
         gait = view.state
-        nominal = gait.single + gait.pace.double
-        wait = gait.step.time if view.swinging else nominal
+        periods = [max(gait.pace.single, step.time) + gait.pace.double for step in gait.command.route.steps]
+        wait = gait.step.time if view.swinging else gait.single + gait.pace.double
         t = stamp + round(max(wait - gait.elapsed, 0.0) * NANOSECONDS)
-        period = round(nominal * NANOSECONDS)
         feet = (1 - gait.stance, gait.stance)
         steps = [Footstep(feet[i % 2], hold) for i, hold in enumerate(coming_steps(view, config))]
-        return path_from_steps(stamp, steps, [t + i * period for i in range(len(steps))])
+        stamps = [t]
+        for i in range(1, len(steps)):
+            period = periods[i] if i < len(periods) else gait.pace.period
+            stamps.append(stamps[-1] + round(period * NANOSECONDS))
+        return path_from_steps(stamp, steps, stamps[: len(steps)])
 
 
 class GaitPlannerNode(PoiseNode):

@@ -205,6 +205,9 @@ class TerrainMapperNode(PoiseNode):
         law = self._law
         self.level = DiagnosticStatus.WARN if self._missing else DiagnosticStatus.OK
         self.message = self._missing or ("mapping" if self._clouds else "given map" if self._given else "no cloud yet")
+        if self._given and not law.covered and not np.isnan(law.reference):
+            self.level = DiagnosticStatus.WARN
+            self.message = "the given map does not have the ground below the robot: see its origin"
         self.values |= {
             "clouds": str(self._clouds),
             "newest cloud took [ms]": f"{1e3 * self._took:.1f}",

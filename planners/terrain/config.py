@@ -72,7 +72,7 @@ class TerrainMapConfig:
     length: Annotated[float, Field(ge=0.5, le=10.0)]  #: Edge of the map [m]
     height_max: Positive  #: Points higher above the stance sole are no ground [m]
     depth_max: Positive  #: Points deeper below it are none [m]
-    given: Positive  #: Error of given heights: standard deviation [m]
+    given_deviation: Positive  #: Error of given heights: standard deviation [m]
     body: BodyConfig
     fusion: FusionConfig
     feet: FeetConfig

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +86,7 @@ class ElevationMap:
         height: (n, n) [m]; nan where unknown.
         variance: (n, n) [m^2]; infinite where unknown.
         seen: Stamp of the newest measurement within the gate (n, n) [s]; -inf where there was none.
+        measured: Whether a ray has met or emptied the cell (n, n); given heights replace none of these.
 
     References:
         Fankhauser, Bloesch, Hutter: Probabilistic terrain mapping for mobile robots with uncertain localization,
@@ -98,12 +99,13 @@ class ElevationMap:
         self.cells = config.cells
         shape = (self.cells, self.cells)
         self.height, self.variance, self.seen = np.empty(shape), np.empty(shape), np.empty(shape)
+        self.measured = np.zeros(shape, dtype=np.bool_)
         self.origin: NDArray[np.int64] = np.zeros(2, dtype=np.int64)
         self.clear()
 
     def clear(self) -> None:
         """Every cell becomes unknown."""
-        self.height[:], self.variance[:], self.seen[:] = np.nan, np.inf, -np.inf
+        self.height[:], self.variance[:], self.seen[:], self.measured[:] = np.nan, np.inf, -np.inf, False
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -122,12 +124,13 @@ class ElevationMap:
         i, j = index.T
         return index, (i >= 0) & (i < self.cells) & (j >= 0) & (j < self.cells)
 
-    def at(self, points: Matrix) -> Vector:
-        """Heights at points x, y (n, 2) [m]: (n,) [m], nan where unknown."""
+    def at(self, points: Matrix, *, measured: bool = False) -> Vector:
+        """Heights at points x, y (n, 2) [m]: (n,) [m], nan where unknown, or not ``measured`` if that is asked for."""
         index, inside = self.index(points)
         heights = np.full(len(points), np.nan)
         i, j = index[inside].T
-        heights[inside] = np.where(self.known[i, j], self.height[i, j], np.nan)
+        known = self.known[i, j] & (self.measured[i, j] | (not measured))
+        heights[inside] = np.where(known, self.height[i, j], np.nan)
         return heights
 
     def heights(self, reference: float) -> Heights:
@@ -141,21 +144,22 @@ class ElevationMap:
         shift, self.origin = origin - self.origin, origin
         if not shift.any():
             return
-        for array, unknown in ((self.height, np.nan), (self.variance, np.inf), (self.seen, -np.inf)):
+        layers: list[tuple[NDArray[Any], float]] = [(self.height, np.nan), (self.variance, np.inf)]
+        for array, unknown in (*layers, (self.seen, -np.inf), (self.measured, False)):
             array[:] = np.roll(array, -shift, axis=(0, 1))
             for axis in (0, 1):
                 count = min(abs(int(shift[axis])), self.cells)
                 new = slice(self.cells - count, None) if shift[axis] > 0 else slice(0, count)
                 array[(new, slice(None)) if axis == 0 else (slice(None), new)] = unknown
 
-    def fill(self, t: float, ground: Heights, reference: float, variance: float) -> None:
-        """Take unknown cells from heights that are given, ``reference`` [m] above those of the map, at a stamp [s]."""
-        i, j = np.nonzero(~self.known)
+    def fill(self, ground: Heights, reference: float, variance: float) -> None:
+        """Take cells neither measured nor known from given heights, ``reference`` [m] above those of the map."""
+        i, j = np.nonzero(~self.known & ~self.measured)
         places: Matrix = ((self.origin + np.column_stack([i, j]) + 0.5) * self.cell).astype(np.float64)
         heights = ground.at(places) - reference
         found = np.isfinite(heights)
         i, j = i[found], j[found]
-        self.height[i, j], self.variance[i, j], self.seen[i, j] = heights[found], variance, t
+        self.height[i, j], self.variance[i, j] = heights[found], variance
 
     def shift(self, height: float) -> None:
         """Raise every height [m]."""
@@ -178,8 +182,9 @@ class ElevationMap:
         cloud = _Points(cells, points[inside, 2], deviations[inside], common[inside])
         limits = _Limits(fusion.floor, fusion.layer, fusion.gate, fusion.disagree)
         measured = _fuse(t, cloud, layers, limits)
-        followed = np.ascontiguousarray(points[:: fusion.clear_stride])
+        followed, before = np.ascontiguousarray(points[:: fusion.clear_stride]), np.isfinite(self.variance)
         _clear(followed, eye, self.cell, self.origin, layers, measured, fusion.clear)
+        self.measured |= measured | (before & ~np.isfinite(self.variance))
         return int(measured.sum())
 
 

@@ -149,7 +149,8 @@ class GroundPlanner:
             return "the ground ahead is not known"
         why = f"no room for a sole up to {reach.forward:.2f} m ahead"
         over = float(rises.max())
-        return why if over <= self._limits.over else f"{why}, and {over:.2f} m high, at most {self._limits.over:.2f} m"
+        most = self._limits.over
+        return why if over <= most else f"{why}, and it is {over:.2f} m higher, at most {most:.2f} m to step over"
 
 
 def _footstep(line: Foothold, places: Places, step: Step) -> Footstep:

@@ -16,7 +16,7 @@ from planners.gait.tread import leg_height
 from planners.terrain.survey import Survey
 
 LEVEL = 0.03  #: Difference of height from which ground is another, and of way up to which feet are together [m]
-_OVER = 0.6  #: Share of ``reach.rise`` for what a foot passes on its way: the body does not rise with it [-]
+_PASSED = 0.6  #: Share of ``reach.rise`` for what a foot passes on its way: the body does not rise with it [-]
 _BESIDE = 0.10  #: Of way up to which feet are beside each other before and after a step to another level [m]
 _COMFORT = 0.01  #: Room ahead and back from which on an edge does not matter [m]
 _INSIDE = 0.01  #: A step is planned so far inside the reach [m]
@@ -76,6 +76,7 @@ class _Limits(NamedTuple):
     leg: float
     heel: float  #: Of a sole, in its frame
     toe: float
+    edge: float  #: Free ground ahead of the toe of a foot that passes something
 
 
 class _Begun(NamedTuple):
@@ -104,7 +105,7 @@ class FootstepSearch:
             reach.width_min + _INSIDE,
             reach.width_max - _INSIDE,
             reach.rise,
-            _OVER * reach.rise,
+            _PASSED * reach.rise,
             velocity.forward * period - _INSIDE,
             velocity.lateral * period - _INSIDE,
             reach.width,
@@ -116,6 +117,7 @@ class FootstepSearch:
             config.leg,
             sole[0],
             sole[1],
+            config.swing.edge,
         )
 
     def steps(self, places: Places, feet: Matrix, foot: int | None, *, known: bool, distance: float) -> list[Step]:
@@ -221,6 +223,12 @@ def _expand(
         for j in range(len(sides)):
             if abs(sides[j] - before[1]) < abs(sides[own] - before[1]):
                 own = j
+        nearest = -np.inf  # highest ground right ahead of its toe
+        for i in range(row, shape[1]):
+            if ways[i] > before[0] + limits.toe + limits.edge:
+                break
+            nearest = max(nearest, survey.top[i, own])
+        near = nearest > before[2] + limits.level
         for i in range(shape[1]):
             while row < shape[1] and ways[row] <= ways[i] + limits.heel:
                 for j in range(len(sides)):
@@ -237,9 +245,10 @@ def _expand(
                 if out < limits.narrow or out > limits.wide or abs(sides[j] - before[1]) > 2.0 * limits.sway:
                     continue
                 room, height = limits.comfort, survey.height[i, j] if survey.fits[i, j] == 1 else stance[2]
-                over = max(highest[j], highest[own]) - max(height, before[2])
-                over = over if over > limits.flat else 0.0
-                if over > 0.0 and (over + abs(height - before[2]) > limits.over or not (together or beside)):
+                over = -max(height, before[2])
+                over += highest[min(j, own) : max(j, own) + 1].max()
+                over = over if over > limits.level else 0.0
+                if over > 0.0 and (over + abs(height - before[2]) > limits.over or near or not (together or beside)):
                     continue
                 if survey.fits[i, j] == 1:
                     rise, room = height - stance[2], min(survey.room[i, j, 0], survey.room[i, j, 1])

@@ -17,22 +17,24 @@ _GREYS = 65535  #: Largest value of a pixel
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GivenMap:
-    """The YAML file of a map; its names are those of ROS's map_server."""
+    """The YAML file of a map; the names, but for ``heights``, are those of ROS's map_server."""
 
     image: str  #: 16-bit grey PNG, beside this file or an absolute path; rows along y, the first one is farthest left
     resolution: Positive  #: Edge of a pixel [m]
-    origin: tuple[float, float]  #: x and y of the corner of the lower left pixel, from where the robot starts [m]
+    origin: tuple[float, float, float]  #: Corner of the lower left pixel from where the robot starts [m, m], and 0
     heights: tuple[float, float]  #: Of pixels of the values 1 and 65535; 0 is unknown [m]
 
     def __post_init__(self) -> None:
+        if self.origin[2] != 0.0:
+            raise ValueError(f"origin {list(self.origin)}: the third, its yaw, must be 0: turn the image")
         if self.heights[0] >= self.heights[1]:
             raise ValueError(f"heights {list(self.heights)}: the first is not lower than the second")
 
 
 def terrain_heights(terrain: Terrain, cell: float = 0.02) -> Heights:
     """Heights of a terrain in cells of an edge [m], a box on it included; nan beside it."""
-    behind, size = terrain.patch - terrain.width, (terrain.length, terrain.width)
-    xs = np.arange(min(behind, -1.0) + 0.5 * cell, size[0], cell)[:, None]
+    size = terrain.length, terrain.width
+    xs = np.arange(min(-terrain.width, -1.0) + 0.5 * cell, size[0], cell)[:, None]
     ys = np.arange(-size[1] + 0.5 * cell, size[1], cell)[None, :]
     pieces = blocks(terrain)
     values = np.full((xs.size, ys.size), np.nan if pieces else 0.0)
@@ -50,30 +52,40 @@ def terrain_heights(terrain: Terrain, cell: float = 0.02) -> Heights:
 
 def load_given_map(file: Path) -> Heights:
     """Heights of a map; ``ConfigError`` names the file that is missing or malformed."""
+    file = file.expanduser()
     given = load_config(GivenMap, file)
-    image = file.parent / given.image
+    image = file.parent / Path(given.image).expanduser()
     try:
         with Image.open(image) as opened:
             pixels = np.asarray(opened, dtype=np.int64)
             mode = opened.mode
-    except (OSError, UnidentifiedImageError) as error:
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise ConfigError(f"{file}: image: {error}") from None
     if not mode.startswith("I") or pixels.ndim != 2:
         raise ConfigError(f"{file}: image: {image} has pixels of mode '{mode}'; save it as a 16-bit grey PNG")
     low, high = given.heights
     heights = np.where(pixels > 0, low + (pixels - 1) * (high - low) / (_GREYS - 1), np.nan)
-    return Heights(np.ascontiguousarray(heights[::-1].T), given.origin, given.resolution)
+    return Heights(np.ascontiguousarray(heights[::-1].T), given.origin[:2], given.resolution)
 
 
 def save_given_map(file: Path, ground: Heights) -> Path:
-    """Write a map as ``file`` and the image beside it, which is returned."""
+    """Write a map as ``file`` and the image beside it, which is returned; ``ConfigError`` when it cannot be."""
+    if file.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"{file}: the file of a map is a .yaml, with a .png beside it")
     known, image = np.isfinite(ground.values), file.with_suffix(".png")
     low = float(ground.values[known].min()) if known.any() else 0.0
     high = max(float(ground.values[known].max()) if known.any() else 0.0, low + 1.0)
     shares = (np.where(known, ground.values, low) - low) / (high - low)
     pixels = np.where(known, 1 + np.rint(shares * (_GREYS - 1)), 0).astype(np.uint16)
-    Image.fromarray(np.ascontiguousarray(pixels.T[::-1])).save(image)
-    x, y = ground.corner
-    lines = {"image": image.name, "resolution": ground.cell, "origin": [x, y], "heights": [low, high]}
-    file.write_text(yaml.safe_dump(lines, sort_keys=False), encoding="utf-8")
+    lines = {
+        "image": image.name,
+        "resolution": ground.cell,
+        "origin": [*ground.corner, 0.0],
+        "heights": [low, high],
+    }
+    try:
+        Image.fromarray(np.ascontiguousarray(pixels.T[::-1])).save(image)
+        file.write_text(yaml.safe_dump(lines, sort_keys=False), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{file}: {error}") from None
     return image

@@ -48,6 +48,7 @@ class TerrainMapper:
         reference: Height of the reference sole in W [m], by the odometry; nan before the first contact.
         bias: Added to the heights of every cloud, as soles show it [m].
         residual: Last height of a sole above the map [m]; nan before the first.
+        covered: Whether the given heights have the ground below the stance sole.
 
     Raises:
         ConfigError: The robot's profile has neither depth camera nor lidar, and no heights are given.
@@ -75,7 +76,7 @@ class TerrainMapper:
         self._swinging = False  # whether the other foot is in the air
         self._checked = True  # whether the map was compared with the sole of the present reference
         self.bias, self._variance = 0.0, self.config.feet.bias**2  # error of the clouds, and its variance [m, m^2]
-        self.t = -np.inf
+        self.t, self.covered = -np.inf, False
 
     def follow(self, t: float, posture: Posture) -> None:
         """Follow the feet and age the map up to a stamp [s]; an earlier one than ``t`` is left out.
@@ -91,7 +92,7 @@ class TerrainMapper:
             if np.isfinite(self.t):
                 self.map.age(self.config.fusion.drift * (t - self.t))
             self.t = t
-            self._fill(t, posture)
+            self._fill(posture)
 
     def update(self, cloud: PointCloud, posture: Posture) -> int:
         """Fuse a cloud, with the posture at its stamp; returns how many cells it measured.
@@ -161,24 +162,30 @@ class TerrainMapper:
             self._compare_ahead(soles)
         self._swinging = not contacts[1 - self._anchor]
 
-    def _fill(self, t: float, posture: Posture) -> None:
+    def _fill(self, posture: Posture) -> None:
         """Take what is unknown from the given heights, if these are known below the stance sole."""
         if self._given is None or self._anchor is None or not posture.contacts[self._anchor]:
             return
         self.map.move_to(*posture.q[:2])
-        sole = self._data.oMf[self.robot.feet[self._anchor].frame_id].translation
-        below = float(self._given.at(sole[None, :2])[0])
-        if np.isfinite(below):
-            self.map.fill(t, self._given, below, self.config.given**2)
+        sole = self._data.oMf[self.robot.feet[self._anchor].frame_id]
+        below = self._given.at(self._points_of(self._anchor, sole, *self.robot.feet[self._anchor].rectangle[:2])[:, :2])
+        self.covered = bool(np.isfinite(below).any())
+        if self.covered:
+            self.map.fill(self._given, float(np.nanmedian(below)), self.config.given_deviation**2)
 
     def _heights(self, foot: int, sole: pin.SE3, x_min: float, x_max: float) -> Vector:
-        """Heights of a sole's plane above the map, from x_min to x_max [m] along it (n,) [m]; nan where unknown."""
+        """Heights of a sole's plane above the map, from x_min to x_max [m] along it (n,) [m]; nan if not measured."""
+        points = self._points_of(foot, sole, x_min, x_max)
+        heights: Vector = points[:, 2] - self.reference - self.map.at(points[:, :2], measured=True)
+        return heights
+
+    def _points_of(self, foot: int, sole: pin.SE3, x_min: float, x_max: float) -> Matrix:
+        """Points of a sole's plane, from x_min to x_max [m] along it, in W (n, 3) [m]."""
         _, _, y_min, y_max = self.robot.feet[foot].rectangle
         xs, ys = np.arange(x_min, x_max, self.map.cell), np.arange(y_min, y_max, self.map.cell)
         local = np.stack(np.meshgrid(xs, ys, 0.0, indexing="ij"), axis=-1).reshape(-1, 3)
-        points = local @ sole.rotation.T + sole.translation
-        heights: Vector = points[:, 2] - self.reference - self.map.at(points[:, :2])
-        return heights
+        points: Matrix = local @ sole.rotation.T + sole.translation
+        return points
 
     def _compare_below(self, foot: int, sole: pin.SE3) -> None:
         """Compare a sole with the map below it, where that is level."""

@@ -9,8 +9,10 @@ import pytest
 from benchmarks.stability.stairs import climb, walk_on_sight
 from bridge.closed_loop import ClosedLoop
 from models.terrain import Terrain
-from planners.gait.footsteps import middle
+from planners.gait.footsteps import Foothold, middle, side_of
+from planners.gait.route import Footstep
 from planners.gait.state import GaitPhase
+from planners.gait.tread import Tread
 from planners.terrain.stairs import Stairs, stair_footsteps
 from tests.support import run_until_still
 
@@ -103,6 +105,32 @@ def test_in_front_of_a_riser_that_is_too_high_it_stands_and_says_so() -> None:
 def test_a_beam_that_it_sees_is_stepped_over_without_a_touch(robot: str) -> None:
     case = climb(robot, 24, "seen_beam")
     assert case["survived"] and case["trips"] == 0, case["reason"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("other", ["stop", "velocity", "goal"])
+def test_a_foot_on_its_way_over_something_gets_there_whatever_is_commanded(other: str) -> None:
+    loop = ClosedLoop("g1", seed=26)
+    assert loop.command("walk").accepted
+    loop.run(0.2)
+    here = middle(loop.gait.footholds)
+    steps = [Footstep(i, Foothold(*here.moved(0.4, side_of(i) * 0.1), here.yaw), Tread(over=0.12)) for i in (0, 1)]
+    loop.gait.take_steps(steps)
+    while not (loop.gait.phase is GaitPhase.SINGLE and loop.gait.state.elapsed > 0.2):
+        loop.run(0.002)
+    if other == "stop":
+        assert loop.command("stop").accepted
+    elif other == "velocity":
+        loop.set_velocity(0.2, 0.0, 0.0)
+    else:
+        loop.gait.walk_to(Foothold(*here.moved(0.6, 0.0), here.yaw))
+    count = loop.gait.steps
+    while loop.gait.steps == count:
+        loop.run(0.002)
+        assert not loop.fallen
+    assert loop.gait.footholds[0].x - here.x == pytest.approx(0.4, abs=0.03)
+    loop.run(3.0)
+    assert not loop.fallen
 
 
 @pytest.mark.long

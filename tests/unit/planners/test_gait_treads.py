@@ -17,7 +17,7 @@ from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep, check_footsteps, footstep_of, route_over, soles_at
 from planners.gait.scaling import load_gait_config
 from planners.gait.swing import SwingFoot
-from planners.gait.tread import Tread, bounds_in, room_on, swing_shares
+from planners.gait.tread import Tread, bounds_in, clearance_over, room_on, swing_shares
 from planners.terrain.stairs import Stairs, stair_footsteps
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 from tests.support import standing
@@ -36,6 +36,11 @@ def step(foot: int, x: float, z: float, slope: tuple[float, float] = (0.0, 0.0))
     return Footstep(foot, Foothold(x, side_of(foot) * HALF, 0.0, z), Tread(slope))
 
 
+def passing(over: float, x: float = 0.4) -> Footstep:
+    """A step over something."""
+    return replace(step(LEFT, x, 0.0), tread=Tread(over=over))
+
+
 @pytest.mark.parametrize(
     ("steps", "reason"),
     [
@@ -44,6 +49,9 @@ def step(foot: int, x: float, z: float, slope: tuple[float, float] = (0.0, 0.0))
         ([step(LEFT, 0.2, math.nan)], "nan m below the right sole"),
         ([step(LEFT, 0.2, 0.0, (0.3, 0.0))], r"tilted by 0.291 rad, at most 0.245 rad"),
         ([step(LEFT, 0.2, 0.0, (math.nan, 0.0))], "tilted by nan rad"),
+        ([passing(0.3)], "over ground 0.300 m higher than its ends, from 0 to 0.204 m"),
+        ([passing(-0.05)], "over ground -0.050 m higher"),
+        ([passing(math.nan)], "over ground nan m higher"),
     ],
 )
 def test_heights_and_tilts_that_the_leg_cannot_do_are_refused(steps: list[Footstep], reason: str) -> None:
@@ -56,7 +64,7 @@ def test_the_height_of_a_step_without_a_tread_does_not_count() -> None:
 
 
 def test_steps_survive_as_numbers() -> None:
-    for tread in (None, Tread((0.1, -0.2)), Tread((0.0, 0.1), (0.1, 0.2, 0.3, 0.4)), Tread(over=0.1)):
+    for tread in (None, Tread((0.1, -0.2)), Tread((0.0, 0.1), (0.1, 0.2, 0.3, 0.4), 0.1), Tread(over=0.1)):
         made = Footstep(RIGHT, Foothold(1.0, 2.0, 0.3, 0.4), tread)
         assert footstep_of(*made.values) == made
 
@@ -122,13 +130,15 @@ def test_a_swing_clears_the_edge_between_its_footholds(rise: float, way: float) 
     assert path[passing, 1] - max(rise, 0.0) > 0.9 * min(abs(rise), 0.04)
 
 
-@pytest.mark.parametrize("rise", [0.0, 0.05, -0.05])
-@pytest.mark.parametrize("over", [0.05, 0.15])
-def test_a_swing_clears_what_is_higher_than_both_ends(over: float, rise: float) -> None:
-    path, edge, way = foot_path(0.4, rise, over=over), GAIT.swing.edge, 0.4
+@pytest.mark.parametrize("rise", [0.0, 0.05, -0.05, 0.1, -0.1])
+@pytest.mark.parametrize("over", [0.05, 0.12])
+@pytest.mark.parametrize("way", [0.3, 0.4, 0.55])
+def test_a_swing_clears_what_is_higher_than_both_ends(over: float, rise: float, way: float) -> None:
+    path, edge = foot_path(way, rise, over=over), GAIT.swing.edge
     assert path[-1] == pytest.approx((way, rise), abs=2e-3)
     above = path[(path[:, 0] > edge) & (path[:, 0] < way - edge), 1]
-    assert above.min() > max(rise, 0.0) + over + 0.9 * 0.02  # half the clearance of a level swing
+    spare = clearance_over(rise, 0.04, GAIT.swing.edge_clearance, over) - over
+    assert above.min() > max(rise, 0.0) + over + 0.8 * 0.5 * min(spare, 2.0 * over)
 
 
 def foot_path(way: float, rise: float, duration: float = 0.5, over: float = 0.0) -> np.ndarray:

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from models.errors import UnreachableError
 from models.robot_model import RobotModel
@@ -119,10 +120,31 @@ def test_a_beam_is_stepped_over_with_both_feet_beside_each_other(mapper: Terrain
     assert abs(before[1] - before[0]) <= 0.1 + 1e-9 and abs(after[1] - after[0]) <= 0.1 + 1e-9
 
 
+def test_a_foot_whose_toe_is_at_a_beam_does_not_step_over_it(mapper: TerrainMapper) -> None:
+    steps, _ = plan_on(mapper, lambda x, _: 0.1 * (X_MAX + 0.01 <= x < X_MAX + 0.11), distance=1.0)
+    assert not steps
+    steps, _ = plan_on(mapper, lambda x, _: 0.1 * (X_MAX + 0.06 <= x < X_MAX + 0.16), distance=1.0)
+    assert steps
+
+
+def test_talos_steps_over_what_its_level_swing_does_not_clear(talos: RobotModel) -> None:
+    gait = load_gait_config(talos)
+    middles = 0.02 * np.arange(-75, 75) + 0.01
+    heights = np.repeat(0.05 * ((middles > 0.5) & (middles < 0.6))[:, None], 150, axis=1)
+    ground = Heights(heights, (-1.5, -1.5), 0.02)
+    query = GroundQuery(START, 1.2, soles_at(START, gait.reach.width))
+    planner = GroundPlanner(talos, gait)
+    plan = planner.plan(ground, query)
+    assert [step.tread.over for step in plan.steps if step.tread and step.tread.over] == pytest.approx([0.05, 0.05])
+    assert not planner.blocked(ground, structs.replace(query, planned=tuple(plan.steps)))
+
+
 def test_a_beam_that_is_too_high_to_step_over_ends_the_plan(mapper: TerrainMapper) -> None:
     steps, reason = plan_on(mapper, lambda x, _: 0.19 * (0.5 <= x < 0.6), distance=1.0)
     assert all(step.hold.x + X_MAX < 0.5 for step in steps)
-    assert re.fullmatch(r"no room for a sole up to 0.55 m ahead, and 0.1\d m high, at most 0.12 m", reason)
+    assert re.fullmatch(
+        r"no room for a sole up to 0.55 m ahead, and it is 0.1\d m higher, at most 0.12 m to step over", reason
+    )
 
 
 def test_near_the_feet_unknown_ground_is_felt_and_beyond_what_is_seen_it_ends_the_plan(mapper: TerrainMapper) -> None:

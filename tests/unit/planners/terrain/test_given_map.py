@@ -5,10 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from PIL import Image
 
 from models.errors import ConfigError
+from models.range_sensor import DEPTH_FRAME, PointCloud
 from models.robot_model import RobotModel
 from models.terrain import Box, Ground, Terrain, terrain_named
 from planners.terrain.elevation_map import Heights
@@ -38,18 +40,25 @@ def test_a_map_survives_its_file(tmp_path: Path) -> None:
         ("image: text.png", "cannot identify image file"),
         ("image: grey.png\nheight: 1", "height"),
         ("image: grey.png\nheights: [1.0, 1.0]", "the first is not lower"),
+        ("image: grey.png\norigin: [0.0, 0.0, 0.5]", "yaw, must be 0"),
     ],
 )
 def test_a_malformed_map_is_refused_by_name(tmp_path: Path, lines: str, reason: str) -> None:
     Image.fromarray(np.zeros((2, 2), np.uint8)).save(tmp_path / "grey.png")
     (tmp_path / "text.png").write_text("no picture")
-    usual = {"resolution": "0.02", "origin": "[0.0, 0.0]", "heights": "[0.0, 1.0]"}
+    usual = {"resolution": "0.02", "origin": "[0.0, 0.0, 0.0]", "heights": "[0.0, 1.0]"}
     given = [f"{key}: {value}" for key, value in usual.items() if f"{key}:" not in lines]
     file = tmp_path / "map.yaml"
     file.write_text("\n".join([lines, *given]))
     with pytest.raises(ConfigError, match=reason) as caught:
         load_given_map(file)
     assert "map.yaml" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["map.png", "nowhere/map.yaml"])
+def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(name)):
+        save_given_map(tmp_path / name, Heights(np.zeros((2, 2)), (0.0, 0.0), 0.1))
 
 
 @pytest.mark.parametrize("name", ["tiles", "slope_up", "slope_across", "flight", "stones"])
@@ -87,11 +96,32 @@ def test_given_heights_count_from_the_stance_sole(g1: RobotModel) -> None:
     np.testing.assert_allclose(mapper.map.at(ahead), np.array(expected) + 0.04, atol=1e-9)
 
 
+def seen_from(robot: RobotModel, q: np.ndarray, height: float) -> PointCloud:
+    """Level ground ahead of the robot as its depth camera measures it."""
+    data = robot.data()
+    pin.framesForwardKinematics(robot.pin, data, q)
+    places = [(x, y, height) for x in np.arange(0.5, 1.0, 0.005) for y in np.arange(-0.3, 0.3, 0.01)]
+    place = data.oMf[robot.frame_id(DEPTH_FRAME)]
+    return PointCloud(0.0, DEPTH_FRAME, (np.array(places) - place.translation) @ place.rotation)
+
+
+@pytest.mark.parametrize(("given", "real"), [(0.0, 0.3), (0.2, 0.0), (0.0, 0.15)])
+def test_what_is_seen_replaces_what_is_given(g1: RobotModel, given: float, real: float) -> None:
+    middles = 0.02 * np.arange(-50, 100) + 0.01
+    heights = Heights(np.repeat(given * (middles > 0.4)[:, None], 60, axis=1), (-1.0, -0.6), 0.02)
+    mapper, q = TerrainMapper(g1, given=heights), g1.standing_configuration()
+    places, cloud = np.array([[x, y] for x in (0.6, 0.7, 0.8) for y in (-0.1, 0.0, 0.1)]), seen_from(g1, q, real)
+    for k in range(30):
+        mapper.update(PointCloud(k / 30.0, cloud.frame, cloud.points), Posture(q, (True, True)))
+    np.testing.assert_allclose(mapper.map.at(places), real, atol=0.01)
+    assert mapper.map.at(np.array([[1.5, 0.0]])) == pytest.approx(given)
+
+
 def test_nothing_is_taken_from_a_map_that_does_not_know_the_ground_below(g1: RobotModel) -> None:
     given = Heights(np.zeros((20, 20)), (1.0, -0.2), 0.02)
     mapper = TerrainMapper(g1, given=given)
     mapper.follow(0.0, Posture(g1.standing_configuration(), (True, True)))
-    assert not mapper.map.known.any()
+    assert not mapper.map.known.any() and not mapper.covered
 
 
 def test_a_robot_without_range_sensors_can_have_a_given_map(g1: RobotModel) -> None:
