@@ -176,7 +176,7 @@ class StepPlanner:
         # Less than any step without a trip; not put off again and again by a foot that stays caught.
         tripped = min(swing.rising_until + config.swing.trip_landing, config.timing.single_max)
         soonest = max(single_min, elapsed + config.swing.freeze, _HURRY * float(poses[1, 5]), tripped)
-        latest, ends = max(config.timing.single_max, soonest, float(poses[1, 5])), walk.command.steps_left is not None
+        latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
         motion, room = swing.towards(step.hold.x, step.hold.y), self._room(walk)
         body = measured.com, measured.com_velocity
         own, lead = (Region.URGENT, config.swing.urgent_lead) if walk.urgent else (Region.OWN, 0.0)

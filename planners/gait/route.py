@@ -360,7 +360,8 @@ def route_over(
 ) -> Route:
     """A new route over listed footsteps from the left and right sole; known heights count from ``datum`` [m].
 
-    They take as long as the slowest of them; the first ones, that are ``kept`` from the last route, as long as there.
+    They take as long as the slowest of them, at most ``single_max``; the first ones, that are ``kept`` from the last
+    route, as long as there.
     """
     feet, crouch, least, swing = list(soles), 0.0, 0.0, config.swing
     level = config.pace.between(config.route.pace, "clearance")
@@ -376,5 +377,7 @@ def route_over(
         if step.over:
             way, at = math.hypot(hold.x - before.x, hold.y - before.y), swing.lift_acceleration
             least = max(least, passing_time(rise, step.over, clearance, way, swing.apex, swing.edge, at))
-    timed = [step if i < kept else replace(step, time=least) for i, step in enumerate(steps)]
+    timed = [
+        step if i < kept else replace(step, time=min(least, config.timing.single_max)) for i, step in enumerate(steps)
+    ]
     return structs.replace(route_of([step.raised(-datum) for step in timed]), crouch=crouch)
