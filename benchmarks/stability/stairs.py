@@ -64,6 +64,11 @@ class Flight:
     around: bool = False  #: The robot walks around what is in the way
     fault: Fault | None = None  #: Of its sight
 
+    @property
+    def mapped(self) -> bool:
+        """Whether the robot plans its footsteps on a map."""
+        return self.seen or self.given
+
 
 @schema(frozen=True, slots=True, config=STRICT)
 class StairsConfig:
@@ -113,7 +118,7 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
     demand(loop, "walk")
     ended = ""
     start, x, gait = loop.t, float(loop.truth.q[0]), loop.gait
-    if flight.seen or flight.given:
+    if flight.mapped:
         distance = way + _BEYOND - float(loop.truth.q[0])
         if flight.around:
             ended = walk_around(loop, distance)
@@ -157,7 +162,7 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
 def _ground(flight: Flight, config: StairsConfig, seed: int) -> tuple[Terrain, float]:
     """The terrain, and the place of its last edge along the way [m]."""
     count = config.count if flight.count is None else flight.count
-    patch = config.seen_ahead if flight.seen or flight.given else Terrain("flat").patch
+    patch = config.seen_ahead if flight.mapped else Terrain("flat").patch
     if flight.box is not None:
         length, width = flight.box
         box = Box((length, width, flight.rise), (patch + 0.5 * length, 0.0))

@@ -341,8 +341,7 @@ def up(
 
     def make(say: Callable[[str], object]) -> Graph:
         offered = actions_possible(actions, say)
-        mapping = {"terrain_map": terrain_map, "given_map": given_map}
-        specs = process_specs(processes, actions=offered, camera=camera, **mapping)
+        specs = process_specs(processes, actions=offered, camera=camera, terrain_map=terrain_map, given_map=given_map)
         if robot_network is not None:
             specs = robot_network.processes(specs, robot)
         return Graph(robot, specs=specs, say=say, **options)

@@ -24,7 +24,7 @@ from planners.gait.footsteps import (
     side_of,
     wrap,
 )
-from planners.gait.tread import Tread, clearance_over, crouch_between, passing_time, swing_time
+from planners.gait.tread import Tread, clearance_over, crouch_between, swing_time
 
 SLACK = 1e-6  #: Tolerance of the limits for rounding [m, rad]
 _ANY_ROOM = (math.inf,) * 4  #: Of a tread without bounds, among numbers [m]
@@ -374,9 +374,8 @@ def route_over(
             rise = hold.z - before.z
         clearance = clearance_over(rise, level, swing.edge_clearance, step.over)
         least = max(least, swing_time(rise, clearance, swing.apex, swing.lift_acceleration))
-        if step.over:
-            way, at = math.hypot(hold.x - before.x, hold.y - before.y), swing.lift_acceleration
-            least = max(least, passing_time(rise, step.over, clearance, way, swing.apex, swing.edge, at))
+        if step.over:  # it only goes on while it is above that
+            least = config.timing.single_max
     timed = [
         step if i < kept else replace(step, time=min(least, config.timing.single_max)) for i, step in enumerate(steps)
     ]

@@ -149,17 +149,6 @@ def swing_time(rise: float, clearance: float, apex: float, acceleration: float) 
     return math.sqrt(PEAK * (abs(rise) + clearance) / acceleration) / up
 
 
-def passing_time(
-    rise: float, over: float, clearance: float, way: float, apex: float, edge: float, acceleration: float
-) -> float:
-    """Duration of a swing over what is higher than both ends by ``over`` [m] at an acceleration [m/s^2], in [s].
-
-    The foot only goes on while it is above it; other arguments as for ``swing_shares``.
-    """
-    _, wait, settle = swing_shares(rise, clearance, way, apex, edge, 0.0, over)
-    return math.sqrt(PEAK * way / acceleration) / (1.0 - wait - settle)
-
-
 @register_jitable
 def leg_height(square: float, leg: float) -> float:
     """Height of the hip over a foot at the root of a ``square`` [m^2] beside it, on a leg of a length [m]."""

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from itertools import accumulate, chain, islice, repeat
 from typing import Any
 
 from geometry_msgs.msg import Twist
@@ -117,16 +118,15 @@ class GaitTopics:
     def _plan(stamp: int, view: GaitView, config: GaitConfig) -> Any:
         """Coming footsteps with the times of their touchdown."""
         gait = view.state
-        periods = [max(gait.pace.single, step.time) + gait.pace.double for step in gait.command.route.steps]
+        singles = (max(gait.pace.single, step.time) for step in gait.command.route.steps[1:])
+        periods = (
+            round((single + gait.pace.double) * NANOSECONDS) for single in chain(singles, repeat(gait.pace.single))
+        )
         wait = gait.step.time if view.swinging else gait.single + gait.pace.double
         t = stamp + round(max(wait - gait.elapsed, 0.0) * NANOSECONDS)
         feet = (1 - gait.stance, gait.stance)
         steps = [Footstep(feet[i % 2], hold) for i, hold in enumerate(coming_steps(view, config))]
-        stamps = [t]
-        for i in range(1, len(steps)):
-            period = periods[i] if i < len(periods) else gait.pace.period
-            stamps.append(stamps[-1] + round(period * NANOSECONDS))
-        return path_from_steps(stamp, steps, stamps[: len(steps)])
+        return path_from_steps(stamp, steps, list(islice(accumulate(periods, initial=t), len(steps))))
 
 
 class GaitPlannerNode(PoiseNode):

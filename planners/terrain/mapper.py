@@ -77,6 +77,7 @@ class TerrainMapper:
         self._checked = True  # whether the map was compared with the sole of the present reference
         self.bias, self._variance = 0.0, self.config.feet.bias**2  # error of the clouds, and its variance [m, m^2]
         self.t, self.covered = -np.inf, False
+        self._filled = self.map.origin  # of the map when it was last filled
 
     def follow(self, t: float, posture: Posture) -> None:
         """Follow the feet and age the map up to a stamp [s]; an earlier one than ``t`` is left out.
@@ -167,10 +168,13 @@ class TerrainMapper:
         if self._given is None or self._anchor is None or not posture.contacts[self._anchor]:
             return
         self.map.move_to(*posture.q[:2])
+        if self.covered and (self.map.origin == self._filled).all():
+            return  # nothing has come in
         sole = self._data.oMf[self.robot.feet[self._anchor].frame_id]
         below = self._given.at(self._points_of(self._anchor, sole, *self.robot.feet[self._anchor].rectangle[:2])[:, :2])
         self.covered = bool(np.isfinite(below).any())
         if self.covered:
+            self._filled = self.map.origin
             self.map.fill(self._given, float(np.nanmedian(below)), self.config.given_deviation**2)
 
     def _heights(self, foot: int, sole: pin.SE3, x_min: float, x_max: float) -> Vector:
@@ -217,8 +221,8 @@ class TerrainMapper:
         """Run every kernel once: the first cloud must not wait for the compiler."""
         posture = Posture(self.robot.standing_configuration(), (True, True))
         self.follow(0.0, posture)
-        for frame in list(self._sensors)[:1]:
-            self.update(PointCloud(0.0, frame, np.ones((2, 3))), posture)
+        if self._sensors:
+            self.update(PointCloud(0.0, next(iter(self._sensors)), np.ones((2, 3))), posture)
         corner = slice(self.map.cells // 2, None)
         self.map.height[:], self.map.variance[:] = 0.0, 0.0
         self.map.variance[corner, corner] = np.inf  # a patch that is cut in two

@@ -45,12 +45,11 @@ class SoleSurvey:
 
     Attributes:
         points: Places of that ground in the frame of the sole (k, 2) [m].
-        sole: Heel and toe of the sole in its frame [m].
     """
 
     def __init__(self, robot: RobotModel, edge: float) -> None:
         x_min, x_max, y_min, y_max = robot.feet[LEFT].rectangle
-        self.sole = x_min, x_max
+        self._sole = x_min, x_max
         across = np.linspace(y_min - BESIDE, y_max + BESIDE, 2 + round((y_max - y_min + 2.0 * BESIDE) / _POINTS))
         along = np.linspace(x_min - edge, x_max + edge, 2 + round((x_max - x_min + 2.0 * edge) / _POINTS))
         self.points, self._across = np.array([(x, y) for x in along for y in across]), across
@@ -64,11 +63,20 @@ class SoleSurvey:
         at = ground.values, ground.corner, ground.cell, line.pose, longer, sides
         fits, planes, bounds = _fit_planes(*at, self.points, self._inverse, (_FLAT, _ROUGH))
         height = planes[..., 2]
-        wall = _walls(*at, self.sole, fits, planes, _WALL)
+        wall = _walls(*at, self._sole, fits, planes, _WALL)
         room = _rooms(fits, height, (more, round(_ROOM[1] / GRID[1])), _SAME) * np.repeat(GRID, 2)
-        top = _tops(*at, self._across)
+        top = self._tops(ground, line, longer, sides)
         layers = fits, height, planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room, wall, top
         return Survey(*(np.ascontiguousarray(layer[more:-more]) for layer in layers))
+
+    def _tops(self, ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> Matrix:
+        """Highest known ground across the line within the width of a sole at each place; -inf where none is known."""
+        along, across = np.meshgrid(ways, np.add.outer(sides, self._across).ravel(), indexing="ij")  # (n, m k)
+        c, s = math.cos(line.yaw), math.sin(line.yaw)
+        places = np.stack([line.x + c * along - s * across, line.y + s * along + c * across], axis=-1)
+        heights = ground.at(places.reshape(-1, 2)).reshape(len(ways), len(sides), -1)
+        top: Matrix = np.where(np.isnan(heights), -np.inf, heights).max(axis=2)
+        return top
 
 
 @njit(cache=True)
@@ -180,26 +188,3 @@ def _walls(
                     if inside and heights[x, y] > planes[i, j, 2] + planes[i, j, 0] * ahead + _HIGHER:
                         wall[i, j] = max(1.0 - beyond / far, 0.0)
     return wall
-
-
-@njit(cache=True)
-def _tops(
-    heights: Matrix,
-    corner: tuple[float, float],
-    cell: float,
-    pose: tuple[float, float, float],
-    ways: Vector,
-    sides: Vector,
-    across: Vector,
-) -> Matrix:
-    """Highest known ground beside each place, ``across`` the line from it (k,) [m]; -inf where none is known."""
-    top = np.full((len(ways), len(sides)), -np.inf)
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    for i in range(len(ways)):
-        for j in range(len(sides)):
-            for beside in across:
-                x = math.floor((pose[0] + c * ways[i] - s * (sides[j] + beside) - corner[0]) / cell)
-                y = math.floor((pose[1] + s * ways[i] + c * (sides[j] + beside) - corner[1]) / cell)
-                if 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1] and heights[x, y] > top[i, j]:
-                    top[i, j] = heights[x, y]
-    return top
