@@ -15,14 +15,16 @@ from planners.gait.contact import Soles
 from planners.gait.dcm import StepModel, height_at_touchdown, offset_coupling, previewed_offset
 from planners.gait.foot_motion import FootLimits
 from planners.gait.footsteps import (
+    PREVIEWED,
     Feet,
     Foothold,
     Point,
     Pose,
+    Preview,
     clamped,
     limits_of,
     point_at,
-    preview_poses,
+    preview_steps,
     relative_to,
     rotated,
 )
@@ -138,10 +140,10 @@ class StepPlanner:
 
     def nominal(self, walk: Walk) -> tuple[Foothold, Vector]:
         """Next foothold, and the DCM offset at its touchdown in W (2,) [m]."""
-        poses = self._coming(walk)
-        x, y, yaw, rise, *_ = poses[1].tolist()
+        steps = self._coming(walk)
+        x, y, yaw, rise, *_ = steps[1].tolist()
         ends = walk.command.steps_left is not None
-        offset = _nominal_offset(self._setup, poses, walk.foot, ends, walk.omega, walk.pace)
+        offset = _nominal_offset(self._setup, steps, walk.foot, ends, walk.omega, walk.pace)
         return Foothold(x, y, yaw, walk.stance.z + rise), np.array(offset)
 
     def height_at_touchdown(self, walk: Walk) -> float:
@@ -160,8 +162,8 @@ class StepPlanner:
     def start_of_single(self, walk: Walk) -> Vector:
         """DCM at which the coming single support begins (2,) [m]."""
         ends, liftoff = walk.command.steps_left is not None, walk.liftoff.pose
-        poses, pace = self._coming(walk), walk.pace
-        return np.array(_start_of_single(self._setup, poses, walk.foot, ends, walk.omega, pace, liftoff, walk.rise))
+        steps, pace = self._coming(walk), walk.pace
+        return np.array(_start_of_single(self._setup, steps, walk.foot, ends, walk.omega, pace, liftoff, walk.rise))
 
     def adjust(
         self, walk: Walk, measured: Measurement, elapsed: float, step: PlannedStep, swing: SwingState
@@ -171,11 +173,11 @@ class StepPlanner:
         Of an urgent step, every region is tried. Another one than that of the last plan must be better by
         ``adjustment.switch``.
         """
-        config, poses, omega, dcm = self._config, self._coming(walk), walk.omega, measured.dcm(walk.omega)
+        config, steps, omega, dcm = self._config, self._coming(walk), walk.omega, measured.dcm(walk.omega)
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
         # Less than any step without a trip; not put off again and again by a foot that stays caught.
         tripped = min(swing.rising_until + config.swing.trip_landing, config.timing.single_max)
-        soonest = max(single_min, elapsed + config.swing.freeze, _HURRY * float(poses[1, 5]), tripped)
+        soonest = max(single_min, elapsed + config.swing.freeze, _HURRY * float(steps[1]["time"]), tripped)
         latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
         motion, room = swing.towards(step.hold.x, step.hold.y), self._room(walk)
         body = measured.com, measured.com_velocity
@@ -189,7 +191,7 @@ class StepPlanner:
             at = _Underway(walk.foot, int(region), kept, ends, omega, elapsed, step.time, soonest, latest, lead)
             z = np.empty(5)
             for _ in range(2):  # straight, then round the stance foot where it is in the way
-                value = _best_of_region(self._setup, poses, at, walk.pace, dcm, motion, body, corner, room, z)
+                value = _best_of_region(self._setup, steps, at, walk.pace, dcm, motion, body, corner, room, z)
                 blocked, missed = _judge(self._setup, at, z)
                 if math.isnan(blocked[0]) or not math.isnan(corner[0]):
                     break
@@ -201,9 +203,9 @@ class StepPlanner:
         assert best is not None
         region, z, solved, corner = best
         end = np.empty(2)
-        x, y = _foothold_of(self._setup, poses, walk.foot, omega, walk.pace, z, end)
-        height = walk.stance.z + float(poses[1, 3])
-        hold, time = Foothold(x, y, float(poses[1, 2]), height), math.log(z[2]) / omega
+        x, y = _foothold_of(self._setup, steps, walk.foot, omega, walk.pace, z, end)
+        height = walk.stance.z + float(steps[1]["rise"])
+        hold, time = Foothold(x, y, float(steps[1]["yaw"]), height), math.log(z[2]) / omega
         via = None
         if not math.isnan(corner[0]):
             before, passed = step.via if step.region is region else None, elapsed + lead
@@ -215,51 +217,50 @@ class StepPlanner:
         """Least and largest place of the swing sole on its tread in the stance frame (2, 2) [m]."""
         return bounds_in(walk.stance, walk.landing.hold, walk.landing.tread) if walk.landing else ANYWHERE
 
-    def _coming(self, walk: Walk) -> Matrix:
-        """The present stance and the coming footholds (1 + steps, 6).
-
-        Each x, y [m] and heading [rad] in W, known height above the stance and ``Footstep.over`` [m], and its time [s].
-        """
+    def _coming(self, walk: Walk) -> Preview:
+        """The present stance and the coming footholds (1 + steps,)."""
         count, command, stance, level = self._config.preview, walk.command, walk.stance, walk.levels[1 - walk.foot]
         if command.route.steps:
-            steps = zip(command.route.steps, command.route.ahead(stance, count, self._limits, level), strict=False)
-            coming = [(*hold.pose, hold.z - stance.z, step.over, step.time) for step, hold in steps]
-            poses = np.array([(*stance.pose, 0.0, 0.0, 0.0), *coming])
+            ahead = zip(command.route.steps, command.route.ahead(stance, count, self._limits, level), strict=False)
+            coming = [(*hold.pose, hold.z - stance.z, step.over, step.time) for step, hold in ahead]
+            steps = np.array([(*stance.pose, 0.0, 0.0, 0.0), *coming], PREVIEWED)
             if walk.landing is not None:
-                poses[1, 4:] = walk.landing.over, walk.landing.time
-            return poses
+                steps["over"][1], steps["time"][1] = walk.landing.over, walk.landing.time
+            return steps
         period, velocity, left = walk.pace.period, command.asked, command.steps_left
         if walk.landing is None:
-            return preview_poses(stance, walk.foot, velocity, period, self._bounds, count, left)
+            return preview_steps(stance, walk.foot, velocity, period, self._bounds, count, left)
         first = clamped(stance, walk.foot, *walk.landing.hold.pose, self._limits)
         after = None if left is None else max(left - 1, 1)
-        poses = preview_poses(first, 1 - walk.foot, velocity, period, self._bounds, count - 1, after)
-        poses[:, 3], poses[0, 4:] = walk.landing.hold.z - level, (walk.landing.over, walk.landing.time)
-        return np.vstack([(*stance.pose, 0.0, 0.0, 0.0), poses])
+        steps = preview_steps(first, 1 - walk.foot, velocity, period, self._bounds, count - 1, after)
+        steps["rise"] = walk.landing.hold.z - level
+        steps["over"][0], steps["time"][0] = walk.landing.over, walk.landing.time
+        return np.concatenate([np.array([(*stance.pose, 0.0, 0.0, 0.0)], PREVIEWED), steps])
 
 
 @njit(cache=True)
-def _nominal_offset(setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace) -> Point:
+def _nominal_offset(setup: Unboxed[_Setup], steps: Preview, foot: int, ends: bool, omega: float, pace: Pace) -> Point:
     """``previewed_offset`` of the coming footholds."""
-    return previewed_offset(poses, foot, ends, omega, pace, setup.record.model)
+    return previewed_offset(steps, foot, ends, omega, pace, setup.record.model)
 
 
 @njit(cache=True)
 def _start_of_single(
-    setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace, liftoff: Pose, rise: float
+    setup: Unboxed[_Setup], steps: Preview, foot: int, ends: bool, omega: float, pace: Pace, liftoff: Pose, rise: float
 ) -> Point:
     """``StepPlanner.start_of_single``; arguments as for ``previewed_offset``.
 
     ``liftoff`` of the swing foot is below the stance by a known ``rise`` [m].
     """
     model = setup.record.model
-    stance_centre, centre, yaw = model.points[1 - foot], model.points[foot], poses[0, 2]
-    x, y = point_at(poses[0, 0], poses[0, 1], yaw, stance_centre[0], stance_centre[1])
+    stance, next_hold = steps[0], steps[1]
+    stance_centre, centre, yaw = model.points[1 - foot], model.points[foot], stance["yaw"]
+    x, y = point_at(stance["x"], stance["y"], yaw, stance_centre[0], stance_centre[1])
     first = point_at(liftoff[0], liftoff[1], liftoff[2], centre[0], centre[1])
-    last = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
-    offset, slow = previewed_offset(poses, foot, ends, omega, pace, model), with_single(pace, poses[1, 5])
+    last = point_at(next_hold["x"], next_hold["y"], next_hold["yaw"], centre[0], centre[1])
+    offset, slow = previewed_offset(steps, foot, ends, omega, pace, model), with_single(pace, next_hold["time"])
     way = last[0] - first[0], last[1] - first[1]
-    swing = whole_swing(omega, slow, way, yaw, model.leg, rise + poses[1, 3], poses[1, 4])
+    swing = whole_swing(omega, slow, way, yaw, model.leg, rise + next_hold["rise"], next_hold["over"])
     decay = math.exp(-omega * slow.single)
     return x + decay * (last[0] + offset[0] - x) + swing[0], y + decay * (last[1] + offset[1] - y) + swing[1]
 
@@ -267,7 +268,7 @@ def _start_of_single(
 @njit(cache=True)
 def _best_of_region(
     setup: Unboxed[_Setup],
-    poses: Matrix,
+    steps: Preview,
     step: _Underway,
     pace: Pace,
     measured: Vector,
@@ -279,15 +280,16 @@ def _best_of_region(
 ) -> float:
     """``best_step`` of a step under way in a region, in the stance frame, and its nominal step.
 
-    ``poses`` are those of ``previewed_offset``, ``measured`` is the DCM in W (2,) [m]; ``corner`` is that of
+    ``steps`` are those of ``previewed_offset``, ``measured`` is the DCM in W (2,) [m]; ``corner`` is that of
     ``corner_between``, ``room`` bounds the foothold in the stance frame (2, 2) [m].
     """
     fixed, nominal = setup.record, setup.record.nominal
     model, motion = fixed.model, swing[0]
     foot, region, kept, ends, omega, elapsed, planned, soonest, latest, lead = step
-    offset = previewed_offset(poses, foot, ends, omega, pace, model)
+    stance, next_hold = steps[0], steps[1]
+    offset = previewed_offset(steps, foot, ends, omega, pace, model)
     swing_shift = rest_of_swing(omega, planned - elapsed, swing, body, model.leg)
-    x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
+    x, y, yaw = stance["x"], stance["y"], stance["yaw"]
     swing_place = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
     rounds, foot_limits = not math.isnan(corner[0]), fixed.passage.foot_limits
     moving, away = rotated(-yaw, motion[1, 0], motion[1, 1]), 0.0
@@ -295,8 +297,8 @@ def _best_of_region(
         away, moving = arrival(swing_place, moving, corner, foot_limits)
     stance_centre, centre = model.points[1 - foot], model.points[foot]
     point = point_at(x, y, yaw, stance_centre[0], stance_centre[1])
-    landing = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
-    hold, zmp = relative_to(x, y, yaw, poses[1, 0], poses[1, 1]), relative_to(x, y, yaw, landing[0], landing[1])
+    landing = point_at(next_hold["x"], next_hold["y"], next_hold["yaw"], centre[0], centre[1])
+    hold, zmp = relative_to(x, y, yaw, next_hold["x"], next_hold["y"]), relative_to(x, y, yaw, landing[0], landing[1])
     turned = rotated(-yaw, offset[0], offset[1])
     free = rotated(-yaw, measured[0] - point[0] - swing_shift[0], measured[1] - point[1] - swing_shift[1])
     reach = fixed.passage.reach[region, foot]
@@ -321,9 +323,9 @@ def _best_of_region(
         elapsed,
         omega,
         nominal.step,
-        max(pace.single, poses[1, 5]),
+        max(pace.single, next_hold["time"]),
         end,
-        offset_coupling(omega, with_single(pace, poses[min(2, len(poses) - 1), 5]), model),
+        offset_coupling(omega, with_single(pace, steps[min(2, len(steps) - 1)]["time"]), model),
         lower,
         upper,
         soonest,
@@ -353,12 +355,12 @@ def _judge(setup: Unboxed[_Setup], step: _Underway, z: Vector) -> tuple[Point, f
 
 @njit(cache=True)
 def _foothold_of(
-    setup: Unboxed[_Setup], poses: Matrix, foot: int, omega: float, pace: Pace, step: Vector, end: Vector
+    setup: Unboxed[_Setup], steps: Preview, foot: int, omega: float, pace: Pace, step: Vector, end: Vector
 ) -> Point:
     """Foothold x, y in W [m] of a solution ``step``; sets ``end``, the DCM at its touchdown (2,) [m]."""
     model, nominal = setup.record.model, setup.record.nominal
-    x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
-    slow = with_single(pace, poses[min(2, len(poses) - 1), 5])
+    x, y, yaw = steps[0]["x"], steps[0]["y"], steps[0]["yaw"]
+    slow = with_single(pace, steps[min(2, len(steps) - 1)]["time"])
     stance_centre, coupling = model.points[1 - foot], offset_coupling(omega, slow, model)
     point, way = point_at(x, y, yaw, stance_centre[0], stance_centre[1]), rotated(yaw, step[0], step[1])
     more = rotated(yaw, coupling * (step[0] - nominal.step[0]), coupling * (step[1] - nominal.step[1]))

@@ -21,7 +21,7 @@ from msgspec import Struct, structs
 from models.numerics.compiled import njit, register_jitable
 from models.numerics.unboxed import Unboxed
 from models.types import Matrix, Vector
-from planners.gait.footsteps import Point, point_at
+from planners.gait.footsteps import Point, Preview, point_at
 from planners.gait.pace import Pace, with_single
 from planners.gait.reaction import Body, SwingLeg, cmp_offset, rest_of_swing, swing_slope, whole_swing
 from planners.gait.swing import SwingMotion
@@ -71,28 +71,27 @@ def touchdown_offset(
 
 
 @register_jitable
-def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace, step: StepModel) -> Point:
+def previewed_offset(steps: Preview, foot: int, ends: bool, omega: float, pace: Pace, model: StepModel) -> Point:
     """DCM offset at the coming touchdown from the next ZMP point, in W [m]; ``foot`` swings first.
 
-    ``poses`` are the stance and the coming footholds (1 + steps, 6): x, y, heading, known height above the stance, that
-    of what the foot passes, see ``Tread.over``, and least single support; with ``ends``, the last step ends the walk.
+    ``steps`` are the stance and the coming footholds; with ``ends``, the last of them ends the walk.
     """
-    count = poses.shape[0]
+    count = len(steps)
     points, swings = np.empty((count, 2)), np.empty((count - 2, 2))
     for i in range(count):
-        centre = step.points[foot if i % 2 == 1 else 1 - foot]
-        points[i, 0], points[i, 1] = point_at(poses[i, 0], poses[i, 1], poses[i, 2], centre[0], centre[1])
+        centre = model.points[foot if i % 2 == 1 else 1 - foot]
+        points[i, 0], points[i, 1] = point_at(steps[i]["x"], steps[i]["y"], steps[i]["yaw"], centre[0], centre[1])
     for i in range(count - 2):
         way = points[i + 2, 0] - points[i, 0], points[i + 2, 1] - points[i, 1]
-        rise = poses[i + 2, 3] - poses[i, 3]
-        slow = with_single(pace, poses[i + 2, 5])
-        swings[i, 0], swings[i, 1] = whole_swing(omega, slow, way, poses[0, 2], step.leg, rise, poses[i + 2, 4])
+        rise = steps[i + 2]["rise"] - steps[i]["rise"]
+        slow, yaw, over = with_single(pace, steps[i + 2]["time"]), steps[0]["yaw"], steps[i + 2]["over"]
+        swings[i, 0], swings[i, 1] = whole_swing(omega, slow, way, yaw, model.leg, rise, over)
     final = 0.5 * (points[count - 1] + points[count - 2]) if ends else points[count - 1]
-    return touchdown_offset(points, swings, omega, np.maximum(poses[:, 5], pace.single), pace.double, final)
+    return touchdown_offset(points, swings, omega, np.maximum(steps["time"], pace.single), pace.double, final)
 
 
 @njit(cache=True)
-def height_at_touchdown(poses: Matrix, ends: bool, omega: float, pace: Pace) -> float:
+def height_at_touchdown(steps: Preview, ends: bool, omega: float, pace: Pace) -> float:
     r"""Vertical DCM at the coming touchdown above that over the stance foot, by known heights [m].
 
     Vertically, too, the DCM runs away from the foot that bears: :math:`\xi_z' = \omega (\xi_z - z_i)`, so the same
@@ -102,14 +101,13 @@ def height_at_touchdown(poses: Matrix, ends: bool, omega: float, pace: Pace) -> 
     References:
         Englsberger, Ott, Albu-Schaeffer (2015), section III: DCM and virtual repellent point in three dimensions.
     """
-    last = poses.shape[0] - 1
+    last, rises = len(steps) - 1, steps["rise"]
     points, final = np.zeros((last + 1, 2)), np.zeros(2)
-    for i in range(last + 1):
-        points[i, 0] = poses[i, 3]
-    final[0] = 0.5 * (poses[last, 3] + poses[last - 1, 3]) if ends else poses[last, 3]
-    singles = np.maximum(poses[:, 5], pace.single)
+    points[:, 0] = rises
+    final[0] = 0.5 * (rises[last] + rises[last - 1]) if ends else rises[last]
+    singles = np.maximum(steps["time"], pace.single)
     offset = touchdown_offset(points, np.zeros((last, 2)), omega, singles, pace.double, final)
-    return float(poses[1, 3] + offset[0])
+    return float(rises[1] + offset[0])
 
 
 @register_jitable

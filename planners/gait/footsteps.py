@@ -8,10 +8,11 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from models.numerics.compiled import njit, register_jitable
 from models.numerics.unboxed import Unboxed, unbox
-from models.types import Matrix, Velocity
+from models.types import Velocity
 from planners.gait.config import ReachConfig
 
 T = TypeVar("T")
@@ -21,6 +22,10 @@ LEFT, RIGHT = 0, 1
 Pose = tuple[float, float, float]  #: x, y in W [m], heading in W [rad]
 Point = tuple[float, float]  #: x, y [m]
 Place = tuple[float, float, float, float]  #: x, y in W [m], heading [rad], height z [m]
+#: A stance or a coming foothold, for compiled code: its pose in W, known height above the stance [m], height of what
+#: the foot passes (``Tread.over``) [m], and least single support of the step to it [s]
+PREVIEWED = np.dtype([(name, float) for name in ("x", "y", "yaw", "rise", "over", "time")])
+Preview = NDArray[np.void]  #: The stance and the coming footholds (1 + steps,) of ``PREVIEWED``
 
 
 class StepLimits(NamedTuple):
@@ -186,19 +191,19 @@ def next_pose(stance: Pose, side: float, advance: Pose, limits: StepLimits) -> P
 
 
 @njit(cache=True)
-def _preview(stance: Pose, foot: int, advance: Pose, limits: Unboxed[StepLimits], count: int) -> Matrix:
-    """The stance, and below it ``count`` steps of alternating feet, ``foot`` first (1 + count, 6)."""
-    poses = np.zeros((1 + count, 6))
-    poses[0, 0], poses[0, 1], poses[0, 2] = stance
+def _preview(stance: Pose, foot: int, advance: Pose, limits: Unboxed[StepLimits], count: int) -> Preview:
+    """The stance and ``count`` steps of alternating feet, ``foot`` first (1 + count,)."""
+    steps = np.zeros(1 + count, PREVIEWED)
+    steps[0]["x"], steps[0]["y"], steps[0]["yaw"] = stance
     side, bounds = 1.0 if foot == LEFT else -1.0, limits.record
     for i in range(1, 1 + count):
-        last = poses[i - 1]
-        poses[i, 0], poses[i, 1], poses[i, 2] = next_pose((last[0], last[1], last[2]), side, advance, bounds)
+        last = steps[i - 1]["x"], steps[i - 1]["y"], steps[i - 1]["yaw"]
+        steps[i]["x"], steps[i]["y"], steps[i]["yaw"] = next_pose(last, side, advance, bounds)
         side = -side
-    return poses
+    return steps
 
 
-def preview_poses(
+def preview_steps(
     stance: Foothold,
     foot: int,
     velocity: Velocity,
@@ -206,13 +211,13 @@ def preview_poses(
     limits: Unboxed[StepLimits],
     count: int,
     stop_after: int | None = None,
-) -> Matrix:
-    """``preview_footholds`` below the stance, each x, y [m], heading [rad] in W and zeros (1 + steps, 6)."""
+) -> Preview:
+    """The stance and ``preview_footholds``, on level ground (1 + steps,)."""
     if stop_after is not None:
         count = max(min(count, stop_after), 1)
         velocity = (0.0, 0.0, 0.0)
-    poses: Matrix = _preview(stance.pose, foot, advance_of(velocity, period), limits, count)
-    return poses
+    steps: Preview = _preview(stance.pose, foot, advance_of(velocity, period), limits, count)
+    return steps
 
 
 def preview_footholds(
@@ -225,8 +230,8 @@ def preview_footholds(
     stop_after: int | None = None,
 ) -> list[Foothold]:
     """The next ``count`` footholds, ``foot`` first; with ``stop_after``, that many steps on the spot."""
-    poses = preview_poses(stance, foot, velocity, period, unbox(limits_of(reach)), count, stop_after)
-    return [Foothold(x, y, yaw, stance.z) for x, y, yaw, *_ in poses[1:].tolist()]
+    steps = preview_steps(stance, foot, velocity, period, unbox(limits_of(reach)), count, stop_after)
+    return [Foothold(x, y, yaw, stance.z) for x, y, yaw, *_ in steps[1:].tolist()]
 
 
 def advance_of(velocity: Velocity, period: float) -> Pose:

@@ -11,7 +11,7 @@ from msgspec import structs
 from models.errors import UnreachableError
 from models.robot_model import RobotModel
 from planners.gait import dcm
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, limits_of, side_of
+from planners.gait.footsteps import LEFT, PREVIEWED, RIGHT, Foothold, limits_of, side_of
 from planners.gait.pace import Pace
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep, check_footsteps, footstep_of, route_over, soles_at
@@ -169,22 +169,22 @@ def test_steps_take_the_time_that_they_need_and_those_kept_from_a_route_do_not_c
 
 
 def test_the_dcm_of_a_step_is_ready_for_a_slower_one() -> None:
-    pace, poses = Pace(SINGLE, DOUBLE, 0.0, 0.05, 0.0), np.zeros((5, 6))
-    poses[:, 0], poses[:, 3] = 0.3 * np.arange(5), 0.1 * np.arange(5)
-    poses[3:, 5] = 0.9
-    ahead = dcm.height_at_touchdown(poses, False, OMEGA, pace) - 0.1
-    after = dcm.height_at_touchdown(poses[1:], False, OMEGA, pace) - 0.2  # one step later: the slow one is next
+    pace, steps = Pace(SINGLE, DOUBLE, 0.0, 0.05, 0.0), np.zeros(5, PREVIEWED)
+    steps["x"], steps["rise"] = 0.3 * np.arange(5), 0.1 * np.arange(5)
+    quick = dcm.height_at_touchdown(steps, False, OMEGA, pace) - 0.1
+    steps["time"][3:] = 0.9
+    ahead = dcm.height_at_touchdown(steps, False, OMEGA, pace) - 0.1
+    after = dcm.height_at_touchdown(steps[1:], False, OMEGA, pace) - 0.2  # one step later: the slow one is next
     share = 1.0 - dcm.transfer_share(OMEGA, DOUBLE)
     assert ahead == pytest.approx(math.exp(-OMEGA * (SINGLE + DOUBLE)) * (after + 0.1) - share * 0.1)
-    quick = dcm.height_at_touchdown(np.column_stack([poses[:, :5], np.zeros(5)]), False, OMEGA, pace) - 0.1
     assert ahead < quick
 
 
 def test_on_even_stairs_the_com_goes_up_in_proportion_to_its_way() -> None:
     way, rise, pace = 0.3, 0.12, Pace(SINGLE, DOUBLE, 0.0, 0.05, 0.0)
     points = [np.array((i * way, 0.0)) for i in range(5)]
-    poses = np.array([(i * way, 0.0, 0.0, i * rise, 0.0, 0.0) for i in range(5)])
-    height = dcm.height_at_touchdown(poses, False, OMEGA, pace)
+    steps = np.array([(i * way, 0.0, 0.0, i * rise, 0.0, 0.0) for i in range(5)], PREVIEWED)
+    height = dcm.height_at_touchdown(steps, False, OMEGA, pace)
     assert height - rise == pytest.approx(rise / way * touchdown_offset(points)[0])
 
 
