@@ -33,13 +33,14 @@ _PERIOD = 0.02  #: Of the requests for plans [s]
 _BEHIND = 4.0  #: Level ground behind stairs [m]
 _ROUNDING = 1e-6  #: Of the length of the ground [m]
 _LOOK = 1.0  #: Before it walks around something [s]
-_PLANS = 3  #: After so many plans it gets dark, or a box appears
+_PLANS = 3  #: After so many plans it gets dark, a box appears, or the sensors shift
 _BEYOND = 0.3  #: How far behind the last riser a walk on sight goes [m]
 
 
-#: What is seen is ``amount`` [m] too high until soles correct it, or the map too far ahead; what is in it moves
-#: ahead by as much in a second, a cell at a time; it sees nothing for ``amount`` [s]; a box appears so far ahead [m]
-Kind = Literal["high", "ahead", "drift", "blind", "appears"]
+#: What is seen is ``amount`` [m] too high from the start, or from a later plan on, until soles correct it; the map is
+#: too far ahead; what is in it moves ahead by as much in a second, a cell at a time; it sees nothing for ``amount``
+#: [s]; a box appears so far ahead [m]
+Kind = Literal["high", "shift", "ahead", "drift", "blind", "appears"]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -194,7 +195,7 @@ class Sight:
 
     def __init__(self, loop: ClosedLoop, fault: Fault | None = None) -> None:
         self._loop, self._kind, self._amount = loop, fault and fault.kind, fault.amount if fault else 0.0
-        self._moved, self._dark = loop.t, math.inf
+        self._moved, self._begun = loop.t, math.inf
         if self._kind == "high":
             loop.ground_view.mapper.reset()
             loop.ground_view.mapper.bias = self._amount
@@ -208,17 +209,19 @@ class Sight:
         return ground._replace(corner=(x + self._amount, y)) if self._kind == "ahead" else ground
 
     def update(self, route: GroundRoute) -> None:
-        """Move the map; after some plans it gets dark, or a box appears."""
+        """Move the map; after some plans it gets dark, a box appears, or the sensors shift."""
         loop, grid = self._loop, self._loop.ground_view.mapper.map
         if self._kind == "drift" and loop.t - self._moved > grid.cell / self._amount:
             self._moved, grid.origin = loop.t, grid.origin + np.array([1, 0])
-        if self._kind not in ("blind", "appears") or route.plans < _PLANS:
+        if route.plans < _PLANS:
             return
-        if self._dark == math.inf:
-            self._dark = loop.t
+        if self._begun == math.inf:
+            self._begun = loop.t
             if self._kind == "appears":
                 loop.plant.obstacle.place(float(loop.truth.q[0]) + self._amount, 0.0)
-        loop.ground_view.blind = self._kind == "blind" and loop.t < self._dark + self._amount
+            elif self._kind == "shift":
+                loop.ground_view.mapper.bias += self._amount
+        loop.ground_view.blind = self._kind == "blind" and loop.t < self._begun + self._amount
 
 
 def walk_around(loop: ClosedLoop, distance: float) -> str:

@@ -140,7 +140,9 @@ def test_it_crosses_stones_on_a_map_that_it_is_given() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("scenario", "seed"), [("seen_high", 23), ("seen_appears", 23), ("seen_ahead", 662)])
+@pytest.mark.parametrize(
+    ("scenario", "seed"), [("seen_high", 23), ("seen_shift", 23), ("seen_appears", 23), ("seen_ahead", 662)]
+)
 def test_with_a_fault_of_its_sight_it_does_not_fall(scenario: str, seed: int) -> None:
     case = climb("g1", seed, scenario)
     assert case["survived"], case["reason"]
