@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct, structs
+from numpy.typing import ArrayLike
 
 from models.errors import PoiseError
 from models.robot_model import RobotModel
-from models.types import Vector
+from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, Feet, Foothold, rotated
 from planners.gait.route import Footstep, check_footsteps, soles_at
@@ -67,26 +68,31 @@ class GroundPlanner:
         begin = max(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
         if not found.reason or way >= begin + _SOON:
             return found
-        ways = np.arange(begin, begin + _SOON, ground.cell).tolist()
-        sides = np.arange(-_SHIFT - _ASIDE, _SHIFT + _ASIDE, ground.cell).tolist()
-        heights = ground.at(np.array([query.line.moved(x, y) for x in ways for y in sides]))
+        ways = np.arange(begin, begin + _SOON, ground.cell)
+        sides = np.arange(-_SHIFT - _ASIDE, _SHIFT + _ASIDE, ground.cell)
+        heights = ground.at(_lattice(query.line, ways, sides))
         if (heights > max(sole.z for sole in query.feet) + self._limits.rise).any():
             return found
         for side in (_SHIFT, -_SHIFT):
             x, y = query.line.moved(0.0, side)
-            other, end = self._plan_along(ground, query, structs.replace(query.line, x=x, y=y))
-            if end > way + self._limits.stride:
+            least = way + self._limits.stride
+            other, end = self._plan_along(ground, query, structs.replace(query.line, x=x, y=y), least)
+            if end > least:
                 found, way = other, end
         return found
 
-    def _plan_along(self, ground: Heights, query: GroundQuery, line: Foothold) -> tuple[GroundPlan, float]:
-        """A plan along a line, and the way of its leading foot there [m]."""
+    def _plan_along(
+        self, ground: Heights, query: GroundQuery, line: Foothold, least: float = -math.inf
+    ) -> tuple[GroundPlan, float]:
+        """A plan along a line, and the way of its leading foot there [m]; none where no sole lies beyond ``least``."""
         at = np.array([(*line.relative(sole.x, sole.y), sole.z) for sole in query.feet])
         count = max(math.ceil((query.distance - float(at[:, 0].min())) / GRID[0]), 0) + 1
         ways: Vector = np.asarray(query.distance - GRID[0] * np.arange(count)[::-1], dtype=np.float64)
         half = round(_ASIDE / GRID[1])
         sides: Vector = np.asarray(GRID[1] * np.arange(-half, half + 1), dtype=np.float64)
         places = Places(ways, sides, self._ground.survey(ground, line, ways, sides))
+        if places.farthest < least:
+            return GroundPlan([], ""), -math.inf
         known = bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in query.feet]))).any())
         found = self._search.steps(places, at, query.foot, known=known, distance=query.distance)
         steps = self._checked([_footstep(line, places, step) for step in found], query.feet)
@@ -104,7 +110,7 @@ class GroundPlanner:
         start = min(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
         ways = np.arange(start, query.distance + self._ground.points[:, 0].max(), ground.cell)
         sides = np.arange(-half, half + 1e-6, ground.cell)
-        heights = ground.at(np.array([query.line.moved(way, side) for way in ways.tolist() for side in sides.tolist()]))
+        heights = ground.at(_lattice(query.line, ways, sides))
         off = np.abs(heights - np.mean([sole.z for sole in query.feet]))
         return int((off > LEVEL).sum()) < _STRAY
 
@@ -138,8 +144,7 @@ class GroundPlanner:
     def _obstacle(self, ground: Heights, stance: Foothold, yaw: float) -> str:
         """Why no foot can be put down ahead of a stance foot."""
         reach, pose = self._config.reach, Foothold(stance.x, stance.y, yaw)
-        places = np.array([pose.moved(ahead, 0.0) for ahead in np.arange(_AHEAD_MIN, reach.forward, 0.02).tolist()])
-        rises = ground.at(places) - stance.z
+        rises = ground.at(_lattice(pose, np.arange(_AHEAD_MIN, reach.forward, 0.02), 0.0)) - stance.z
         beyond = rises[np.abs(rises) > reach.rise]
         if len(beyond):
             rise = float(np.median(beyond))
@@ -151,6 +156,13 @@ class GroundPlanner:
         over = float(rises.max())
         most = self._limits.over
         return why if over <= most else f"{why}, and it is {over:.2f} m higher, at most {most:.2f} m to step over"
+
+
+def _lattice(line: Foothold, ways: ArrayLike, sides: ArrayLike) -> Matrix:
+    """Places at ``ways`` along a line (n,) and ``sides`` across it (m,) [m], in W (n m, 2) [m], row by row."""
+    along, across = (each.ravel() for each in np.meshgrid(ways, sides, indexing="ij"))
+    c, s = math.cos(line.yaw), math.sin(line.yaw)
+    return np.stack([line.x + c * along - s * across, line.y + s * along + c * across], axis=-1)
 
 
 def _footstep(line: Foothold, places: Places, step: Step) -> Footstep:

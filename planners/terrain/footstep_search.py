@@ -46,6 +46,12 @@ class Places(NamedTuple):
     sides: Vector  #: Across it, left positive (m,) [m]
     survey: Survey
 
+    @property
+    def farthest(self) -> float:
+        """Way to the last place where a sole lies [m]; -inf without one."""
+        fitting = np.flatnonzero((self.survey.fits == 1).any(axis=1))
+        return float(self.ways[fitting[-1]]) if len(fitting) else -math.inf
+
 
 class Step(NamedTuple):
     """A step to a place of the lattice."""
@@ -134,11 +140,13 @@ class FootstepSearch:
         begun = _Begun(np.array([feet] * count), np.array(starts), np.array([known] * count), zero, zero)
         history: list[tuple[NDArray[np.int64], NDArray[np.int64], _Begun]] = []  # parents, places, beginnings
         best, end = math.inf, (-1, 0)
+        left = max(distance - max(felt, places.farthest), 0.0)  # after any number of steps
+        least = self._costs.short * left / self.limits.stride
         for depth in range(_DEPTH + 1):
             costs = self._end_costs(begun, distance)
             if len(costs) and costs.min() < best:
                 best, end = float(costs.min()), (depth, int(costs.argmin()))
-            if depth == _DEPTH or not len(begun.cost) or begun.cost.min() >= best:  # more steps cost more
+            if depth == _DEPTH or not len(begun.cost) or begun.cost.min() + least >= best:  # more steps cost more
                 break
             parents, chosen, begun = self._next(begun, places, felt)
             history.append((parents, chosen, begun))
@@ -236,9 +244,9 @@ def _expand(
                 row += 1
             ahead, swing = ways[i] - stance[0], ways[i] - before[0]
             beside = abs(ahead) <= limits.beside + 1e-9
-            if ahead < -limits.level - 1e-9 or ahead > limits.forward or swing > 2.0 * limits.body:
-                continue
-            if apart and not beside:
+            if ahead > limits.forward or swing > 2.0 * limits.body:
+                break
+            if ahead < -limits.level - 1e-9 or (apart and not beside):
                 continue
             for j in range(len(sides)):
                 out = side * (sides[j] - stance[1])

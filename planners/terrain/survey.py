@@ -24,6 +24,8 @@ _SAME = 0.01  #: Difference of height between neighbours of a lattice on the sam
 _HIGHER = 0.03  #: Above the plane of a sole from which on ground is higher [m]
 _WALL = 0.08  #: Distance ahead or behind of a sole from which on higher ground does not matter [m]
 
+_Line = tuple[float, float, float, float]  #: x and y of its begin [m], cosine and sine of its heading
+
 
 class Survey(NamedTuple):
     """Ground under a sole at each place of a lattice (n, m)."""
@@ -60,23 +62,52 @@ class SoleSurvey:
         more = round(_ROOM[0] / GRID[0])  # places beyond, for the room of the first and last
         beyond = GRID[0] * np.arange(1, more + 1)
         longer = np.concatenate([ways[0] - beyond[::-1], ways, ways[-1] + beyond])
-        at = ground.values, ground.corner, ground.cell, line.pose, longer, sides
+        heading = line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)
+        at = ground.values, ground.corner, ground.cell, heading, longer, sides
         fits, planes, bounds = _fit_planes(*at, self.points, self._inverse, (_FLAT, _ROUGH))
         height = planes[..., 2]
         wall = _walls(*at, self._sole, fits, planes, _WALL)
         room = _rooms(fits, height, (more, round(_ROOM[1] / GRID[1])), _SAME) * np.repeat(GRID, 2)
-        top = self._tops(ground, line, longer, sides)
+        top = _tops(*at, self._across)
         layers = fits, height, planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room, wall, top
         return Survey(*(np.ascontiguousarray(layer[more:-more]) for layer in layers))
 
-    def _tops(self, ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> Matrix:
-        """Highest known ground across the line within the width of a sole at each place; -inf where none is known."""
-        along, across = np.meshgrid(ways, np.add.outer(sides, self._across).ravel(), indexing="ij")  # (n, m k)
-        c, s = math.cos(line.yaw), math.sin(line.yaw)
-        places = np.stack([line.x + c * along - s * across, line.y + s * along + c * across], axis=-1)
-        heights = ground.at(places.reshape(-1, 2)).reshape(len(ways), len(sides), -1)
-        top: Matrix = np.where(np.isnan(heights), -np.inf, heights).max(axis=2)
-        return top
+
+@njit(cache=True, forceinline=True)
+def _height_at(
+    heights: Matrix,
+    corner: tuple[float, float],
+    cell: float,
+    line: _Line,
+    along: float,
+    across: float,
+) -> float:
+    """Height at a place along and across a line; nan where it is not known."""
+    x0, y0, c, s = line
+    x = math.floor((x0 + c * along - s * across - corner[0]) / cell)
+    y = math.floor((y0 + s * along + c * across - corner[1]) / cell)
+    return float(heights[x, y]) if 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1] else math.nan
+
+
+@njit(cache=True)
+def _tops(
+    heights: Matrix,
+    corner: tuple[float, float],
+    cell: float,
+    line: _Line,
+    ways: Vector,
+    sides: Vector,
+    points: Vector,
+) -> Matrix:
+    """Highest known ground across the line at points beside each place (k,) [m]; -inf where none is known."""
+    top = np.full((len(ways), len(sides)), -np.inf)
+    for i in range(len(ways)):
+        for j in range(len(sides)):
+            for beside in points:
+                height = _height_at(heights, corner, cell, line, ways[i], sides[j] + beside)
+                if height > top[i, j]:
+                    top[i, j] = height
+    return top
 
 
 @njit(cache=True)
@@ -84,7 +115,7 @@ def _fit_planes(
     heights: Matrix,
     corner: tuple[float, float],
     cell: float,
-    pose: tuple[float, float, float],
+    line: _Line,
     ways: Vector,
     sides: Vector,
     points: Matrix,
@@ -92,18 +123,13 @@ def _fit_planes(
     flat: tuple[float, float],
 ) -> tuple[NDArray[np.int8], Matrix, Matrix]:
     """Planes through the ground at points (k, 2) around each place; see ``Survey``."""
-    shape = len(ways), len(sides)
+    shape, found = (len(ways), len(sides)), np.empty(len(points))
     fits, planes, bounds = np.zeros(shape, np.int8), np.zeros((*shape, 3)), np.empty((*shape, 2))
-    c, s, found = math.cos(pose[2]), math.sin(pose[2]), np.empty(len(points))
     for i in range(shape[0]):
         for j in range(shape[1]):
             known, low, high = True, np.inf, -np.inf
             for k in range(len(points)):
-                along, across = ways[i] + points[k, 0], sides[j] + points[k, 1]
-                x = math.floor((pose[0] + c * along - s * across - corner[0]) / cell)
-                y = math.floor((pose[1] + s * along + c * across - corner[1]) / cell)
-                inside = 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]
-                found[k] = heights[x, y] if inside else np.nan
+                found[k] = _height_at(heights, corner, cell, line, ways[i] + points[k, 0], sides[j] + points[k, 1])
                 if math.isnan(found[k]):
                     known = False
                 else:
@@ -162,7 +188,7 @@ def _walls(
     heights: Matrix,
     corner: tuple[float, float],
     cell: float,
-    pose: tuple[float, float, float],
+    line: _Line,
     ways: Vector,
     sides: Vector,
     sole: tuple[float, float],
@@ -172,7 +198,6 @@ def _walls(
 ) -> Matrix:
     """Share of a distance [m] by which ground above the plane of a sole from x_min to x_max is nearer to its ends."""
     wall = np.zeros(fits.shape)
-    c, s = math.cos(pose[2]), math.sin(pose[2])
     for i in range(len(ways)):
         for j in range(len(sides)):
             if fits[i, j] != 1:
@@ -181,10 +206,7 @@ def _walls(
             while beyond < far and wall[i, j] == 0.0:
                 beyond += 0.5 * cell
                 for ahead in (sole[0] - beyond, sole[1] + beyond):
-                    along = ways[i] + ahead
-                    x = math.floor((pose[0] + c * along - s * sides[j] - corner[0]) / cell)
-                    y = math.floor((pose[1] + s * along + c * sides[j] - corner[1]) / cell)
-                    inside = 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]
-                    if inside and heights[x, y] > planes[i, j, 2] + planes[i, j, 0] * ahead + _HIGHER:
+                    height = _height_at(heights, corner, cell, line, ways[i] + ahead, sides[j])
+                    if height > planes[i, j, 2] + planes[i, j, 0] * ahead + _HIGHER:
                         wall[i, j] = max(1.0 - beyond / far, 0.0)
     return wall
