@@ -51,7 +51,7 @@ class GroundPlanner:
     """Plans footsteps on the ground as it is known; where nothing is known beside the feet, they will feel it."""
 
     def __init__(self, robot: RobotModel, config: GaitConfig) -> None:
-        self._config, self._ground = config, SoleSurvey(robot, config.swing.edge)
+        self._config, self._ground = config, SoleSurvey(robot, config)
         self._search = FootstepSearch(config, _STRIDE, robot.feet[LEFT].rectangle)
         self._limits = self._search.limits
         soles = soles_at(Foothold(0.0, 0.0, 0.0), config.reach.width)

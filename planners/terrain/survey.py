@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from models.numerics.compiled import njit
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
+from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, Foothold
 from planners.terrain.elevation_map import Heights
+from planners.terrain.leg_room import LAYER, leg_room
 
 GRID = (0.01, 0.02)  #: Between two places, along and across a line [m]
 BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
@@ -22,7 +24,7 @@ _ROUGH = 0.018  #: The same where a sole may be moved to sideways: a cell on an 
 _ROOM = (0.06, 0.30)  #: Ways along and across by which a sole may move on its ground that are looked for [m]
 _SAME = 0.01  #: Difference of height between neighbours of a lattice on the same ground [m]
 _HIGHER = 0.03  #: Above the plane of a sole from which on ground is higher [m]
-_WALL = 0.08  #: Distance ahead or behind of a sole from which on higher ground does not matter [m]
+_WALL = 0.08  #: Distance ahead or behind of a leg from which on higher ground does not matter [m]
 
 _Line = tuple[float, float, float, float]  #: x and y of its begin [m], cosine and sine of its heading
 
@@ -38,20 +40,22 @@ class Survey(NamedTuple):
     low: Matrix  #: Lowest and
     high: Matrix  #: highest of what is known [m]
     room: Matrix  #: By which the sole may move on the same ground: back, forward, right, left (n, m, 4) [m]
-    wall: Matrix  #: Share of ``_WALL`` by which higher ground is nearer [-]
+    wall: Matrix  #: Share of ``_WALL`` by which higher ground is nearer to the leg [-]
     top: Matrix  #: Highest of what is known across the way of the middle of the sole; -inf where nothing is [m]
 
 
 class SoleSurvey:
-    """Fits planes to the ground under a sole, ``edge`` [m] around its ends and ``BESIDE`` it.
+    """Fits planes to the ground under a sole, ``swing.edge`` around its ends and ``BESIDE`` it.
+
+    There is no place for a sole where its leg would be in higher ground, see ``leg_room``.
 
     Attributes:
         points: Places of that ground in the frame of the sole (k, 2) [m].
     """
 
-    def __init__(self, robot: RobotModel, edge: float) -> None:
+    def __init__(self, robot: RobotModel, config: GaitConfig) -> None:
         x_min, x_max, y_min, y_max = robot.feet[LEFT].rectangle
-        self._sole = x_min, x_max
+        self._leg, edge = leg_room(robot, config.pace.fast.crouch), config.swing.edge
         across = np.linspace(y_min - BESIDE, y_max + BESIDE, 2 + round((y_max - y_min + 2.0 * BESIDE) / _POINTS))
         along = np.linspace(x_min - edge, x_max + edge, 2 + round((x_max - x_min + 2.0 * edge) / _POINTS))
         self.points, self._across = np.array([(x, y) for x in along for y in across]), across
@@ -66,7 +70,8 @@ class SoleSurvey:
         at = ground.values, ground.corner, ground.cell, heading, longer, sides
         fits, planes, bounds = _fit_planes(*at, self.points, self._inverse, (_FLAT, _ROUGH))
         height = planes[..., 2]
-        wall = _walls(*at, self._sole, fits, planes, _WALL)
+        wall = _walls(*at, self._leg, fits, planes)
+        fits[wall > 1.0] = 0
         room = _rooms(fits, height, (more, round(_ROOM[1] / GRID[1])), _SAME) * np.repeat(GRID, 2)
         top = _tops(*at, self._across)
         layers = fits, height, planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room, wall, top
@@ -191,22 +196,24 @@ def _walls(
     line: _Line,
     ways: Vector,
     sides: Vector,
-    sole: tuple[float, float],
+    leg: Matrix,
     fits: NDArray[np.int8],
     planes: Matrix,
-    far: float,
 ) -> Matrix:
-    """Share of a distance [m] by which ground above the plane of a sole from x_min to x_max is nearer to its ends."""
+    """Share of ``_WALL`` by which ground above the plane of a sole is nearer to its leg; more than 1 within it."""
     wall = np.zeros(fits.shape)
+    nearest, farthest = leg[0], leg[-1] + np.array((-_WALL, _WALL))
     for i in range(len(ways)):
         for j in range(len(sides)):
             if fits[i, j] != 1:
                 continue
-            beyond = 0.0
-            while beyond < far and wall[i, j] == 0.0:
-                beyond += 0.5 * cell
-                for ahead in (sole[0] - beyond, sole[1] + beyond):
-                    height = _height_at(heights, corner, cell, line, ways[i] + ahead, sides[j])
-                    if height > planes[i, j, 2] + planes[i, j, 0] * ahead + _HIGHER:
-                        wall[i, j] = max(1.0 - beyond / far, 0.0)
+            for side, sign in ((0, -1.0), (1, 1.0)):
+                ahead = nearest[side]
+                while sign * (farthest[side] - ahead) > 0.0:
+                    ahead += sign * 0.5 * cell
+                    above = _height_at(heights, corner, cell, line, ways[i] + ahead, sides[j])
+                    above -= planes[i, j, 2] + planes[i, j, 0] * ahead
+                    if above > _HIGHER:
+                        gap = sign * (ahead - leg[min(round(above / LAYER), len(leg)) - 1, side])
+                        wall[i, j] = max(wall[i, j], 1.0 - gap / _WALL)
     return wall

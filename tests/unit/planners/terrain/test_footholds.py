@@ -17,6 +17,7 @@ from planners.gait.scaling import load_gait_config
 from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlan, GroundPlanner, GroundQuery
+from planners.terrain.leg_room import LAYER, leg_room
 from planners.terrain.mapper import TerrainMapper
 from planners.terrain.survey import SoleSurvey
 
@@ -219,11 +220,35 @@ def test_soles_keep_away_from_the_riser_that_shin_or_heel_may_meet(mapper: Terra
                 assert after.hold.x - before.hold.x <= 0.3
 
 
+@pytest.mark.parametrize("high", [0.10, 0.30, 0.50])
+def test_a_knee_does_not_get_into_what_stands_ahead(robot: RobotModel, high: float) -> None:
+    """Above the shin the leg reaches farther ahead than the sole does."""
+    gait, (_, toe, *_) = load_gait_config(robot), robot.feet[0].rectangle
+    middles, face = 0.02 * np.arange(-75, 75) + 0.01, 0.9
+    wall = np.where((middles > face) & (middles < face + 0.4), high, 0.0)
+    ground = Heights(np.repeat(wall[:, None], 150, axis=1), (-1.5, -1.5), 0.02)
+    steps, _ = GroundPlanner(robot, gait).plan(ground, GroundQuery(START, 2.0, soles_at(START, gait.reach.width)))
+    room = leg_room(robot, gait.pace.fast.crouch)[round(high / LAYER) - 1, 1]
+    ends = [step.hold.x for step in steps if step.hold.z < 0.05 and step.hold.x < face]
+    assert max(ends) + room <= face + 0.01
+    assert (room > toe + 0.08) == (high > 0.2)
+
+
+def test_the_room_of_a_leg_is_that_of_its_links(robot: RobotModel) -> None:
+    x_min, x_max, *_ = robot.feet[0].rectangle
+    straight, bent = leg_room(robot, 0.0), leg_room(robot, 0.06)
+    for room in (straight, bent):
+        assert room[0].tolist() == [x_min, x_max]  # the sole alone
+        assert (np.diff(room[:, 0]) <= 0.0).all() and (np.diff(room[:, 1]) >= 0.0).all()
+    knee = bent[-1, 1] - straight[-1, 1]
+    assert 0.04 < knee < 0.12
+
+
 def test_cells_on_an_edge_do_not_take_the_room_across() -> None:
     """A cell that is met half on a tread is lower by some centimetre: the sole may still be moved sideways to it."""
     heights = np.zeros((40, 60))  # a tread from x = 0.06 to 0.3
     heights[:4], heights[15], heights[15, :24], heights[15, 36:], heights[16:] = 0.15, -0.01, -0.018, -0.018, -0.15
-    survey = SoleSurvey(G1, GAIT.swing.edge)
+    survey = SoleSurvey(G1, GAIT)
     ways, sides = np.arange(0.08, 0.2, 0.01), np.arange(-0.3, 0.31, 0.02)
     found = survey.survey(Heights(heights, (-0.02, -0.6), 0.02), START, ways, sides)
     fits = np.flatnonzero(found.fits[:, 15] == 1)
