@@ -4,9 +4,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
@@ -15,6 +16,7 @@ from models.errors import ConfigError
 from models.types import Matrix
 
 Angle = Annotated[float, Field(gt=-0.6, lt=0.6)]
+Coordinate = TypeVar("Coordinate", float, NDArray[np.floating[Any]])  #: Of one place, or of several
 
 FLAT = "flat"
 _SEAM = 1e-9  #: Blocks reach this far over their edges in the scores: no point falls between two [m]
@@ -89,13 +91,9 @@ class Block:
         """Of the box along its own axes [m]."""
         return self.half[0], self.half[1], 0.5 * _DEPTH
 
-    def height(self, x: float, y: float) -> float | None:
-        """Height of the top face over a point [m]; None beside it."""
-        dx, dy = x - self.top[0], y - self.top[1]
-        reach = self.reach
-        if abs(dx) > reach[0] or abs(dy) > reach[1]:
-            return None
-        return self.top[2] + dx * math.tan(self.pitch) + dy * math.tan(self.roll)
+    def height(self, x: Coordinate, y: Coordinate) -> Coordinate:
+        """Height of the plane of the top face at places, also beside the face [m]."""
+        return self.top[2] + (x - self.top[0]) * math.tan(self.pitch) + (y - self.top[1]) * math.tan(self.roll)
 
 
 def terrain_named(terrain: str | Terrain, *, seed: int | None = None) -> Terrain:
@@ -135,8 +133,7 @@ class Ground:
         if not self._blocks:
             return 0.0
         near = (np.abs(self._box[:, 0] - x) <= self._box[:, 2]) & (np.abs(self._box[:, 1] - y) <= self._box[:, 3])
-        found = [self._blocks[int(i)].height(x, y) for i in np.flatnonzero(near)]
-        heights = [height for height in found if height is not None]
+        heights = [self._blocks[int(i)].height(x, y) for i in np.flatnonzero(near)]
         return max(heights) if heights else self.lowest
 
     @property

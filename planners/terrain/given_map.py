@@ -39,10 +39,8 @@ def terrain_heights(terrain: Terrain, cell: float = 0.02) -> Heights:
     pieces = blocks(terrain)
     values = np.full((xs.size, ys.size), np.nan if pieces else 0.0)
     for piece in pieces:
-        x, y = xs - piece.top[0], ys - piece.top[1]
-        inside = (np.abs(x) <= piece.reach[0]) & (np.abs(y) <= piece.reach[1])
-        face = piece.top[2] + x * np.tan(piece.pitch) + y * np.tan(piece.roll)
-        values = np.where(inside, np.fmax(values, face), values)
+        inside = (np.abs(xs - piece.top[0]) <= piece.reach[0]) & (np.abs(ys - piece.top[1]) <= piece.reach[1])
+        values = np.where(inside, np.fmax(values, piece.height(xs, ys)), values)
     box = terrain.obstacle
     if box is not None and box.place is not None:
         inside = (np.abs(xs - box.place[0]) <= 0.5 * box.size[0]) & (np.abs(ys - box.place[1]) <= 0.5 * box.size[1])
