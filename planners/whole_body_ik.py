@@ -17,6 +17,7 @@ References:
 """
 
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -220,9 +221,7 @@ def placo_robot(model: RobotModel) -> placo.RobotWrapper:
     Raises:
         RobotModelError: placo does not read the URDF as Pinocchio does.
     """
-    robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, _kinematic_urdf(model))
-    if tuple(robot.joint_names()) != model.joint_names:
-        raise RobotModelError(f"{model.urdf}: placo orders the joints differently from Pinocchio")
+    robot = bare_robot(model, {PREFIX + name: model.frame_on_link(name) for name in (*SOLE_FRAMES, *TARGET_FRAMES)})
     torso = model.pin.frames[model.frame_id("torso")].parentJoint
     robot.model.inertias[torso] = model.pin.inertias[torso]  # with the payload of the profile
     robot.state.q = model.standing_configuration()
@@ -240,23 +239,28 @@ def placo_robot(model: RobotModel) -> placo.RobotWrapper:
     return robot
 
 
-def _kinematic_urdf(model: RobotModel) -> str:
-    """The URDF without shapes, and with a link for each REP-120 frame."""
+def bare_robot(model: RobotModel, frames: Mapping[str, tuple[str, pin.SE3]]) -> placo.RobotWrapper:
+    """Robot of placo without shapes, and with links for ``frames``: by name, the URDF's link and the pose in it.
+
+    Raises ``RobotModelError`` when placo orders the joints differently from Pinocchio.
+    """
     root = read_urdf(model.urdf)
     for link in root.findall("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):
             link.remove(shape)
-    for name in (*SOLE_FRAMES, *TARGET_FRAMES):
-        parent, placement = model.frame_on_link(name)
-        ET.SubElement(root, "link", name=PREFIX + name)
-        joint = ET.SubElement(root, "joint", name=f"{PREFIX}{name}_joint", type="fixed")
+    for name, (parent, placement) in frames.items():
+        ET.SubElement(root, "link", name=name)
+        joint = ET.SubElement(root, "joint", name=f"{name}_joint", type="fixed")
         ET.SubElement(joint, "parent", link=parent)
-        ET.SubElement(joint, "child", link=PREFIX + name)
+        ET.SubElement(joint, "child", link=name)
         xyz, rpy = placement.translation, pin.rpy.matrixToRpy(placement.rotation)
-        ET.SubElement(joint, "origin", xyz=printed(xyz), rpy=printed(rpy))
-    return ET.tostring(root, encoding="unicode")
+        ET.SubElement(joint, "origin", xyz=_printed(xyz), rpy=_printed(rpy))
+    robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, ET.tostring(root, encoding="unicode"))
+    if tuple(robot.joint_names()) != model.joint_names:
+        raise RobotModelError(f"{model.urdf}: placo orders the joints differently from Pinocchio")
+    return robot
 
 
-def printed(values: Vector) -> str:
+def _printed(values: Vector) -> str:
     """Numbers as a URDF has them, exact to the last bit."""
     return " ".join(f"{value:.17g}" for value in values)

@@ -9,7 +9,6 @@ upper bound on the normal force; it draws wrenches to zero, ours to the planned 
 residual, ours is checked on every tick. Copying state and references into placo is not timed.
 """
 
-import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -22,12 +21,10 @@ import placo
 from controllers.balance.controller import BalanceController
 from controllers.whole_body.config import WholeBodyConfig
 from models.constants import GRAVITY
-from models.errors import RobotModelError
 from models.mujoco_model import build_mujoco, pin_to_mujoco
-from models.robot_model import RobotModel
+from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import RobotState, Vector
-from models.urdf import read_urdf
-from planners.whole_body_ik import printed
+from planners.whole_body_ik import bare_robot
 
 #: Frames in placo's model at the middle of each contact rectangle: placo's contacts are centred on their frame
 CONTACT_FRAMES = ("tick/left", "tick/right")
@@ -171,32 +168,11 @@ def _centre(rectangle: tuple[float, float, float, float]) -> Vector:
 
 
 def _placo_robot(model: RobotModel) -> placo.RobotWrapper:
-    root = read_urdf(model.urdf)
-    for link in root.findall("link"):
-        for shape in (*link.findall("visual"), *link.findall("collision")):
-            link.remove(shape)
-    for foot, name in zip(model.feet, CONTACT_FRAMES, strict=True):
-        _add_frame(root, model, foot.frame_id, name, _centre(foot.rectangle))
-    for name in ("base_link", "torso"):
-        _add_frame(root, model, model.frame_id(name), f"tick/{name}", np.zeros(3))
-    robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, ET.tostring(root, encoding="unicode"))
-    if tuple(robot.joint_names()) != model.joint_names:
-        raise RobotModelError(f"{model.urdf}: placo orders the joints differently from Pinocchio")
-    return robot
-
-
-def _add_frame(root: ET.Element, model: RobotModel, frame_id: int, name: str, offset: Vector) -> None:
-    """Append a massless link at an offset (3,) [m] in a frame of the model."""
-    frame = model.pin.frames[frame_id]
-    parent = model.pin.frames[frame.parentFrame]
-    placement = parent.placement.actInv(frame.placement) * pin.SE3(np.eye(3), offset)
-    ET.SubElement(root, "link", name=name)
-    joint = ET.SubElement(root, "joint", name=f"{name}_joint", type="fixed")
-    ET.SubElement(joint, "parent", link=parent.name)
-    ET.SubElement(joint, "child", link=name)
-    ET.SubElement(
-        joint, "origin", xyz=printed(placement.translation), rpy=printed(pin.rpy.matrixToRpy(placement.rotation))
-    )
+    frames = {f"tick/{name}": model.frame_on_link(name) for name in ("base_link", "torso")}
+    for foot, sole, name in zip(model.feet, SOLE_FRAMES, CONTACT_FRAMES, strict=True):
+        link, placement = model.frame_on_link(sole)
+        frames[name] = link, placement * pin.SE3(np.eye(3), _centre(foot.rectangle))
+    return bare_robot(model, frames)
 
 
 #: Weights of the tasks, the same in both; they decide nothing about the time [-]
