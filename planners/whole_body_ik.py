@@ -156,10 +156,7 @@ class WholeBodyIk:
                 float(goal.posture[i]) if target_joint is None else target_joint,
                 habits * habit if target_joint is None else weights.target_joint,
             )
-        self._set_pairs(avoid)
-        self._robot.state.q = seed.copy()
-        self._robot.update_kinematics()
-        return self._iterate(self._config.solver.iterations_max)
+        return self._iterate(seed, avoid, self._config.solver.iterations_max)
 
     def follow(self, joints: Vector, base: pin.SE3, com: Vector, seed: Vector) -> Vector | None:
         """Configuration (nq,) between two key poses: solves for the legs; all else is given. None without a solution.
@@ -180,10 +177,7 @@ class WholeBodyIk:
         self._com.configure("CoM", "soft", 1.0)
         for i in range(self._model.nj):
             self._aim_joint(i, float(joints[i]), self._config.weights.leg_posture if i in self._legs else 1.0)
-        self._set_pairs([])
-        self._robot.state.q = seed.copy()
-        self._robot.update_kinematics()
-        return self._iterate(self._config.solver.path_iterations)
+        return self._iterate(seed, [], self._config.solver.path_iterations)
 
     def _aim(
         self, task: placo.FrameTask, name: str, pose: Matrix, axes: str, position: float, orientation: float
@@ -203,7 +197,11 @@ class WholeBodyIk:
         for pair in pairs:
             geometry.addCollisionPair(pin.CollisionPair(*self._collision.bodies(pair)))
 
-    def _iterate(self, most: int) -> Vector | None:
+    def _iterate(self, seed: Vector, avoid: list[int], most: int) -> Vector | None:
+        """Configuration (nq,) after at most so many steps from a seed that keep pairs of bodies apart, or None."""
+        self._set_pairs(avoid)
+        self._robot.state.q = seed.copy()
+        self._robot.update_kinematics()
         for _ in range(most):
             try:
                 step = self._solver.solve(True)
