@@ -4,7 +4,7 @@ import inspect
 import json
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cache
 from importlib.resources import files
@@ -77,6 +77,13 @@ def parse_config(schema: type[T], data: dict[str, Any], source: str) -> T:
             near = did_you_mean(key, known) if wrong else ""
             lines.append(f"{key or '(top)'}: {item['msg']}{near}")
         raise ConfigError(f"{source}: " + "; ".join(lines)) from error
+
+
+def refuse_unknown(data: Mapping[Any, object], known: Sequence[str], source: str) -> None:
+    """Raise ``ConfigError`` for a key of a mapping from ``source`` that is not among the known ones."""
+    for key in data:
+        if key not in known:
+            raise ConfigError(f"{source}: unknown key '{key}'; known: {', '.join(known)}")
 
 
 def load_config(schema: type[T], path: Path) -> T:

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from models.config import parse_yaml, read_yaml
+from models.config import parse_yaml, read_yaml, refuse_unknown
 from models.errors import ConfigError
 
 #: One number, or one for each axis or joint of a target
@@ -198,7 +198,7 @@ def _read(given: str | Path) -> FaultPlan:
 def _parse(data: dict[str, Any], source: str) -> FaultPlan:
     if "target" in data or "kind" in data:
         data = {"faults": [data]}
-    _refuse_unknown(data, ("since", "faults"), source)
+    refuse_unknown(data, ("since", "faults"), source)
     listed = data.get("faults")
     if not isinstance(listed, list):
         raise ConfigError(f"{source}: faults: expected a list of faults")
@@ -208,7 +208,7 @@ def _parse(data: dict[str, Any], source: str) -> FaultPlan:
 def _fault(item: object, source: str) -> Fault:
     if not isinstance(item, dict):
         raise ConfigError(f"{source}: expected a mapping of keys, found {type(item).__name__}")
-    _refuse_unknown(item, [field.name for field in fields(Fault)], source)
+    refuse_unknown(item, [field.name for field in fields(Fault)], source)
     for key in ("target", "kind"):
         if key not in item:
             raise ConfigError(f"{source}: {key}: missing")
@@ -218,9 +218,3 @@ def _fault(item: object, source: str) -> Fault:
         return Fault(**{**given, "target": str(given["target"]), "kind": kind})
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from error
-
-
-def _refuse_unknown(data: Mapping[Any, object], known: Sequence[str], source: str) -> None:
-    for key in data:
-        if key not in known:
-            raise ConfigError(f"{source}: unknown key '{key}'; known: {', '.join(known)}")

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from models.config import parse_yaml, read_yaml
+from models.config import parse_yaml, read_yaml, refuse_unknown
 from models.errors import ConfigError
 from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed, unbox
@@ -63,11 +63,7 @@ def read_sensor_errors(text: str) -> SensorErrors | None:
         return None
     inline = text.lstrip().startswith("{")
     data = parse_yaml(text, "sensor_errors") if inline else read_yaml(Path(text))
-    known = [entry.name for entry in fields(SensorErrors)]
-    unknown = [str(key) for key in data if key not in known]
-    if unknown:
-        source = "sensor_errors" if inline else text
-        raise ConfigError(f"{source}: unknown key '{unknown[0]}'; known: {', '.join(known)}")
+    refuse_unknown(data, [entry.name for entry in fields(SensorErrors)], "sensor_errors" if inline else text)
     return SensorErrors(**data)
 
 
