@@ -14,15 +14,12 @@ from typing import IO, Annotated, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
-from std_msgs.msg import String
 
 from bridge.ros.client import Client
 from bridge.ros.operator import Operator
 from controllers.commands.command_signature import Signer
 from models.config import STRICT, Positive, default_config
 from models.errors import PoiseError
-from models.nodes import topics
-from models.nodes.qos import LATCHED
 from models.nodes.spin import Stop
 from models.robot_model import RobotModel
 from models.types import Velocity
@@ -228,11 +225,7 @@ def teleop(
             say("  ".join(f"{'space' if key == ' ' else key}: {meaning}" for key, meaning in config.keys.items()))
         operator = Operator(client, say, signer)
         stack.callback(operator.leave)  # in any case: zero, then silence
-        commander = [""]
-        client.node.create_subscription(
-            String, topics.COMMANDER, lambda message: commander.__setitem__(0, message.data), LATCHED
-        )
-        shown: tuple[object, ...] = ()
+        shown: tuple[str, str, Velocity] | None = None
         while not stop.requested:
             now = time.monotonic()
             if pad is not None:
@@ -248,9 +241,9 @@ def teleop(
                 else:
                     operator.say(STOP if deed == HALT else deed)
             operator.drive(velocity if any(velocity) else None)
-            if (client.mode, commander[0], velocity) != shown:
-                shown = client.mode, commander[0], velocity
-                say(_line(client.mode, commander[0], velocity))
+            if (client.mode, client.commander, velocity) != shown:
+                shown = client.mode, client.commander, velocity
+                say(_line(*shown))
             client.spin(1.0 / config.rate)
 
 
