@@ -325,10 +325,7 @@ class SimulationServices:
         return text
 
     def _on_push(self, message: WrenchStamped) -> None:
-        try:
-            self._push(numbers_of(message.wrench)[:3], message.header.frame_id or "base_link")
-        except PoiseError as error:
-            self._node.refuse(topics.PUSH, error)
+        self._push(numbers_of(message.wrench)[:3], message.header.frame_id or "base_link")
 
     def _on_push_service(self, request: Any) -> str:
         return self._push(np.asarray(self._value("push.force"), dtype=np.float64), str(self._value("push.body")))

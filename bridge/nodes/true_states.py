@@ -8,7 +8,6 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
-from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import stamp_of
@@ -34,7 +33,7 @@ class TrueStates:
         on_obstacle: Callable[[Vector], None],
         on_stamp: Callable[[int], None] | None = None,
     ) -> None:
-        self._node, self._due, self._on_state, self._on_centre = node, due, on_state, on_obstacle
+        self._due, self._on_state, self._on_centre = due, on_state, on_obstacle
         self._on_stamp = on_stamp
         self._odometry = b""
         self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(node.model)
@@ -51,17 +50,13 @@ class TrueStates:
 
     def _on_joints(self, data: bytes) -> None:
         """Hand on a state once base and joints of the same tick have arrived."""
-        try:
-            stamp = stamp_of(data)
-            if not self._odometry or stamp_of(self._odometry) != stamp:
-                return
-            if self._on_stamp is not None:
-                self._on_stamp(stamp)
-            if not self._due(stamp):
-                return
-            joints = self._joints_codec.decode(data)[1]
-            pose: Vector = self._odometry_codec.decode(self._odometry)[1]
-        except MessageError as error:
-            self._node.refuse(topics.GROUND_TRUTH_JOINTS, error)
+        stamp = stamp_of(data)
+        if not self._odometry or stamp_of(self._odometry) != stamp:
             return
+        if self._on_stamp is not None:
+            self._on_stamp(stamp)
+        if not self._due(stamp):
+            return
+        joints = self._joints_codec.decode(data)[1]
+        pose: Vector = self._odometry_codec.decode(self._odometry)[1]
         self._on_state(stamp, np.concatenate([pose, joints]))
