@@ -21,7 +21,7 @@ from benchmarks.faults.fault_acts import ACTS, Steps
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.fault_plan import Fault
 from bridge.plants.sensors import SensorErrors
-from models.config import STRICT, NonNegative, Positive, read_yaml
+from models.config import STRICT, NonNegative, Positive, merged, read_yaml
 from models.errors import PoiseError
 from models.profile import load_profile
 from models.robot_model import RobotModel
@@ -100,7 +100,7 @@ def robot_of(name: str, changes: LoopChanges, folder: Path) -> RobotModel:
     if not changes.profile and changes.described_mass == 1.0:
         return RobotModel.load(name)
     source = Path(load_profile(name).source)
-    profile = _merged(read_yaml(source), changes.profile)
+    profile = merged(read_yaml(source), changes.profile)
     file, urdf = folder / "profile.yaml", folder / "robot.urdf"
     description = ET.parse(resolve_uri(str(profile["urdf"]), source.parent))
     description.write(urdf)
@@ -110,13 +110,6 @@ def robot_of(name: str, changes: LoopChanges, folder: Path) -> RobotModel:
         mass.set("value", str(changes.described_mass * float(mass.attrib["value"])))
     description.write(urdf)
     return robot
-
-
-def _merged(given: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(given)
-    for key, value in changes.items():
-        merged[key] = _merged(given.get(key, {}), value) if isinstance(value, dict) else value
-    return merged
 
 
 BOX_TIME = 1.0  # watched longer where a black box must be left, which is written a little after the fault [s]

@@ -24,7 +24,7 @@ from bridge.check_robot import Trial, Verdict, check_robot
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Fraction, Positive
 from models.errors import ConfigError, PoiseError
-from models.heading import turned
+from models.heading import heading, turned
 from models.profile import robot_names
 from models.robot_model import RobotModel
 from models.types import Mode, Velocity
@@ -152,14 +152,15 @@ def _walk(loop: ClosedLoop, seed: int, *, share: tuple[float, float, float]) -> 
         min(share[1] * pace.lateral, most.lateral),
         min(share[2] * pace.turn, most.turn),
     )
-    way, yaw, start, ahead = velocity, 0.0, loop.truth, _yaw(loop)
+    way, yaw, start, ahead = velocity, 0.0, loop.truth, heading(*loop.truth.q[3:7])
     if max(velocity) <= STANDSTILL:
         velocity, way = (config.step_speed, 0.0, 0.0), (0.0, 0.0, 0.0)
     start_walk(loop, *velocity)
-    heading = _yaw(loop)
+    before = heading(*loop.truth.q[3:7])
     for _ in range(round(config.walk_time)):
         advance(loop, 1.0)
-        yaw, heading = yaw + math.remainder(_yaw(loop) - heading, 2.0 * math.pi), _yaw(loop)
+        now = heading(*loop.truth.q[3:7])
+        yaw, before = yaw + math.remainder(now - before, 2.0 * math.pi), now
     demand(loop, "stop")
     _rest(loop)
     x, y = turned(loop.truth.q[:2] - start.q[:2], -ahead).tolist()
@@ -177,11 +178,6 @@ def check_progress(gone: Velocity, velocity: Velocity) -> str:
                 f"it went {gone[0]:.2f}, {gone[1]:.2f} of {x:.2f}, {y:.2f} m, turned {gone[2]:.2f} of {yaw:.2f} rad"
             )
     return f"{gone[0]:.2f}, {gone[1]:.2f} m, {gone[2]:.2f} rad"
-
-
-def _yaw(loop: ClosedLoop) -> float:
-    x, y, z, w = loop.truth.q[3:7].tolist()
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def _rest(loop: ClosedLoop) -> None:
