@@ -5,50 +5,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.plants.config import CameraConfig
+from bridge.plants.world import SeenWorld
 from models.camera import Pinhole
 from models.config import default_config
 from models.errors import ConfigError
-from models.mujoco_model import build_mujoco, pin_to_mujoco
-from models.mujoco_spec import OBSTACLE
 from models.profile import CAMERA_FRAME
 from models.robot_model import RobotModel
-from models.terrain import FLAT, Terrain, terrain_named
+from models.terrain import FLAT, Terrain
 from models.types import Matrix, Vector
 
 _HIDDEN = 5  #: Group of geoms that are not drawn
 
 
-class SimulatedCamera:
+class SimulatedCamera(SeenWorld):
     """Renders the world of a simulated robot from frame ``camera_optical_frame``.
 
     It has a copy of the plant's world, which is set from given states, so an image takes the plant no time. The camera
     does not see the link that it is mounted on, as from inside a housing.
 
-    ``target`` is the position of the ball in W (3,) [m], None for no ball; ``obstacle`` the middle of the terrain's
-    box, None for its place at the start. Raises ``ConfigError`` when the robot has no camera, and whatever MuJoCo
-    raises without a usable OpenGL.
+    ``target`` is the position of the ball in W (3,) [m], None for no ball. Raises ``ConfigError`` when the robot has no
+    camera, and whatever MuJoCo raises without a usable OpenGL.
     """
 
     def __init__(self, model: RobotModel, config: CameraConfig | None = None, terrain: str | Terrain = FLAT) -> None:
-        config = config or default_config(CameraConfig, "bridge", "camera")
+        self._config = config = config or default_config(CameraConfig, "bridge", "camera")
         if model.profile.sensors.camera is None:
             raise ConfigError(f"{model.name}: sensors.camera: the profile has no camera")
-        self.intrinsics = Pinhole.of(config.sensor(model.profile.sensors.camera))
+        self.intrinsics = pinhole = Pinhole.of(config.sensor(model.profile.sensors.camera))
         self.target: Vector | None = None
-        self.obstacle: Vector | None = None
-        self._robot, self._config = model, config
-        self._has_obstacle = terrain_named(terrain).obstacle is not None
-        self._mj = build_mujoco(model, visuals=True, terrain=terrain)
-        world = self._mj.model
-        world.vis.global_.offwidth, world.vis.global_.offheight = self.intrinsics.width, self.intrinsics.height
-        self._world, self._data = world, mujoco.MjData(world)
+        super().__init__(model, terrain)
+        world = self._model
+        world.vis.global_.offwidth, world.vis.global_.offheight = pinhole.width, pinhole.height
         self._site = int(world.site(CAMERA_FRAME).id)
         own = world.body_weldid[world.site_bodyid[self._site]]
         self._groups: NDArray[np.int32] = world.geom_group.copy()
         self._groups[world.body_weldid[world.geom_bodyid] == own] = _HIDDEN
-        self._at_rest = np.zeros(model.nv)
         self._view = mujoco.MjvCamera()
-        self._renderer = mujoco.Renderer(world, self.intrinsics.height, self.intrinsics.width)
+        self._renderer = mujoco.Renderer(world, pinhole.height, pinhole.width)
         self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = config.shadows
         self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
 
@@ -58,16 +51,11 @@ class SimulatedCamera:
 
     def render(self, q: Vector) -> NDArray[np.uint8]:
         """Image with the robot in a configuration (nq,): rows of red, green, blue (height, width, 3)."""
-        world, data = self._world, self._data
-        data.qpos[:], _ = pin_to_mujoco(self._robot, self._mj, q, self._at_rest)
-        if self._has_obstacle and self.obstacle is not None:
-            data.mocap_pos[world.body(OBSTACLE).mocapid[0]] = self.obstacle
-        mujoco.mj_kinematics(world, data)
-        mujoco.mj_comPos(world, data)  # lights follow the robot's centre of mass
-        mujoco.mj_camlight(world, data)
-        position, axes = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)
-        world.geom_group[:] = np.where(self._in_sight(position, axes), self._groups, _HIDDEN)
-        self._renderer.update_scene(data, self._view)
+        position, axes = self.place(q)
+        mujoco.mj_comPos(self._model, self._data)  # lights follow the robot's centre of mass
+        mujoco.mj_camlight(self._model, self._data)
+        self._model.geom_group[:] = np.where(self._in_sight(position, axes), self._groups, _HIDDEN)
+        self._renderer.update_scene(self._data, self._view)
         self._add_target()
         self._aim(position, axes)
         picture: NDArray[np.uint8] = self._renderer.render()
@@ -75,14 +63,13 @@ class SimulatedCamera:
 
     def place(self, q: Vector) -> tuple[Vector, Matrix]:
         """Pose of the camera in W with the robot in a configuration (nq,): position (3,) [m], axes (3, 3)."""
-        self._data.qpos[:], _ = pin_to_mujoco(self._robot, self._mj, q, self._at_rest)
-        mujoco.mj_kinematics(self._world, self._data)
+        self.set(q)
         return self._data.site_xpos[self._site].copy(), self._data.site_xmat[self._site].reshape(3, 3).copy()
 
     def _in_sight(self, position: Vector, axes: Matrix) -> NDArray[np.bool_]:
         """Whether a part of a geom may be in the image (ngeom,); hidden meshes take rendering time, too."""
         x, y, z = ((self._data.geom_xpos - position) @ axes).T
-        reach, pinhole = self._world.geom_rbound, self.intrinsics
+        reach, pinhole = self._model.geom_rbound, self.intrinsics
         seen: NDArray[np.bool_] = z > -reach
         halves = 0.5 * pinhole.width, 0.5 * pinhole.height
         for across, half, focal in zip((x, y), halves, pinhole.focal, strict=True):

@@ -9,15 +9,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from bridge.plants.world import SeenWorld
 from controllers.estimation.stamps import Due
 from models.camera import Pinhole
 from models.constants import NANOSECONDS
 from models.errors import ConfigError
-from models.mujoco_model import build_mujoco, pin_to_mujoco
-from models.mujoco_spec import OBSTACLE, ROBOT_GROUP, WORLD_GROUP
+from models.mujoco_spec import ROBOT_GROUP, WORLD_GROUP
 from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, DepthSensor, LidarSensor, PointCloud, RangeSensor
 from models.robot_model import RobotModel
-from models.terrain import FLAT, Terrain, terrain_named
+from models.terrain import FLAT, Terrain
 from models.types import Matrix, Vector
 
 Item = TypeVar("Item")
@@ -28,29 +28,12 @@ _HIDDEN = mujoco.mjNGROUP - 1  #: Group of geoms that no ray meets
 _PATTERN = np.array([0.7548776662466927, 0.5698402909980532])
 
 
-class RayWorld:
-    """A copy of the world of a simulated robot, with the robot's drawn shapes, that is set from given states.
-
-    ``obstacle`` is the middle of the terrain's box, None for its place at the start.
-    """
+class RayWorld(SeenWorld):
+    """The world that range sensors see."""
 
     def __init__(self, robot: RobotModel, terrain: str | Terrain = FLAT) -> None:
-        self.robot = robot
-        self.obstacle: Vector | None = None
-        self._has_obstacle = terrain_named(terrain).obstacle is not None
-        self._mj = build_mujoco(robot, visuals=True, terrain=terrain)
-        model = self._mj.model
-        self._model, self._data = model, mujoco.MjData(model)
-        self._seen: NDArray[np.bool_] = model.geom_group != ROBOT_GROUP
-        self._still = np.zeros(robot.nv)
-
-    def set(self, q: Vector) -> None:
-        """Put the robot into a configuration (nq,)."""
-        data = self._data
-        data.qpos[:], _ = pin_to_mujoco(self.robot, self._mj, q, self._still)
-        if self._has_obstacle and self.obstacle is not None:
-            data.mocap_pos[self._model.body(OBSTACLE).mocapid[0]] = self.obstacle
-        mujoco.mj_kinematics(self._model, data)
+        super().__init__(robot, terrain)
+        self._seen: NDArray[np.bool_] = self._model.geom_group != ROBOT_GROUP
 
     def cast(self, frame: str, rays: Matrix, most: float) -> Vector:
         """Distances (n,) along rays (n, 3) of a frame, in their lengths, at least up to ``most``; else inf.

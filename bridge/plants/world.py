@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from bridge.plants.base import Obstacle
 from models.errors import CommandError, ConfigError
-from models.mujoco_model import MujocoModel, build_mujoco_world, pin_to_mujoco
+from models.mujoco_model import MujocoModel, build_mujoco, build_mujoco_world, pin_to_mujoco
 from models.mujoco_spec import OBSTACLE, parked
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Ground, Terrain, terrain_named
@@ -151,6 +151,28 @@ class MujocoWorld:
         roots = self.model.body_rootid[self.model.geom_bodyid[self.data.contact.geom]]  # (ncon, 2)
         met = set(roots[(roots == base).any(axis=1)].ravel().tolist())
         return next((each for each, mj in self.robots.items() if each != name and mj.base_body in met), "")
+
+
+class SeenWorld:
+    """A copy of the world of a simulated robot, with the robot's drawn shapes, that is set from given states.
+
+    ``obstacle`` is the middle of the terrain's box in W (3,) [m], None for its place at the start.
+    """
+
+    def __init__(self, robot: RobotModel, terrain: str | Terrain = FLAT) -> None:
+        self.robot = robot
+        self.obstacle: Vector | None = None
+        self._has_obstacle = terrain_named(terrain).obstacle is not None
+        self._mj = build_mujoco(robot, visuals=True, terrain=terrain)
+        self._model, self._data = self._mj.model, mujoco.MjData(self._mj.model)
+        self._still = np.zeros(robot.nv)
+
+    def set(self, q: Vector) -> None:
+        """Put the robot into a configuration (nq,)."""
+        self._data.qpos[:], _ = pin_to_mujoco(self.robot, self._mj, q, self._still)
+        if self._has_obstacle and self.obstacle is not None:
+            self._data.mocap_pos[self._model.body(OBSTACLE).mocapid[0]] = self.obstacle
+        mujoco.mj_kinematics(self._model, self._data)
 
 
 def physics_step(period: float) -> float:
