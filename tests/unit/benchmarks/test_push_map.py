@@ -23,11 +23,6 @@ AHEAD, LEFT = np.eye(2)
 STAND_STILL = "benchmarks.stability.stand_still:StandStill"
 
 
-@pytest.fixture(scope="module")
-def g1() -> RobotModel:
-    return RobotModel.load("g1")
-
-
 @pytest.mark.parametrize("first", [0, 1])
 @pytest.mark.parametrize("direction", [AHEAD, LEFT, -LEFT, -AHEAD])
 def test_steps_bring_the_dcm_to_rest_from_just_inside_their_bound(

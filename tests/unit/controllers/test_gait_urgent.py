@@ -24,11 +24,6 @@ from tests.gaits import DT, in_single_support, on_one_foot
 from tests.support import standing
 
 
-@pytest.fixture(scope="module")
-def g1() -> RobotModel:
-    return RobotModel.load("g1")
-
-
 def pushed(planner: GaitPlanner, shares: tuple[float, float] = (0.5, 0.5)) -> RobotState:
     """The robot is pushed to the side of its swing foot."""
     v = np.zeros(planner.model.nv)
