@@ -39,14 +39,14 @@ class Calibration:
         return replace(self, encoder_offsets=np.zeros_like(self.encoder_offsets))
 
 
-def correct_encoders(sensors: SensorData, offsets: Vector) -> SensorData:
-    """The part of ``apply_calibration`` for the joint drivers: a new sample with q = q_m - o_q (nj,) [rad]."""
-    return structs.replace(sensors, q=sensors.q - offsets)
+def correct_encoders(sensors: SensorData, offsets: Vector | None) -> SensorData:
+    """The part of ``apply_calibration`` for the joint drivers: q = q_m - o_q (nj,) [rad]; None for no offsets."""
+    return sensors if offsets is None else structs.replace(sensors, q=sensors.q - offsets)
 
 
-def encoder_command(command: JointCommand, offsets: Vector) -> JointCommand:
-    """The command for drives whose encoders read true positions plus ``offsets`` (nj,) [rad]."""
-    return structs.replace(command, q=command.q + offsets)
+def encoder_command(command: JointCommand, offsets: Vector | None) -> JointCommand:
+    """The command for drives whose encoders read true positions plus ``offsets`` (nj,) [rad]; None for none."""
+    return command if offsets is None else structs.replace(command, q=command.q + offsets)
 
 
 def apply_calibration(sensors: SensorData, calibration: Calibration) -> SensorData:

@@ -60,8 +60,7 @@ class Drivers:
     def read(self) -> SensorData:
         """The sample of this tick with corrected encoders."""
         if self._sample is None:
-            raw = self.plant.read()
-            self._sample = raw if self.encoder_offsets is None else correct_encoders(raw, self.encoder_offsets)
+            self._sample = correct_encoders(self.plant.read(), self.encoder_offsets)
             self.stale = 0.0 if self._sample.t > self._t else self.stale + self.plant.period
             self._t = self._sample.t
         return self._sample
@@ -72,7 +71,7 @@ class Drivers:
         if self.stale > self._stale_max and self.servo.state is ServoState.ACTIVE:
             self.servo.damp()
         command = self.servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
-        self.plant.write(command if self.encoder_offsets is None else encoder_command(command, self.encoder_offsets))
+        self.plant.write(encoder_command(command, self.encoder_offsets))
         self._sample = None
 
     def set_mode(self, mode: Mode) -> None:
@@ -180,7 +179,7 @@ class HardwareDrivers(Drivers):
             self.plant.hand_over()
         given = startup.command(sensors, command)
         if given is not None:
-            self.plant.write(given if self.encoder_offsets is None else encoder_command(given, self.encoder_offsets))
+            self.plant.write(encoder_command(given, self.encoder_offsets))
         self._sample = None
 
 

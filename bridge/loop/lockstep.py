@@ -291,8 +291,6 @@ class Lockstep:
 
     def _drive(self, sensors: SensorData) -> None:
         """Run the drivers on corrected encoders; the plant receives positions of the uncorrected ones."""
-        offsets = self._encoder_offsets
-        if offsets is not None:
-            sensors = correct_encoders(sensors, offsets)
+        sensors = correct_encoders(sensors, self._encoder_offsets)
         command = self.servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
-        self.plant.write(command if offsets is None else encoder_command(command, offsets))
+        self.plant.write(encoder_command(command, self._encoder_offsets))
