@@ -14,7 +14,7 @@ from bridge.plants.unitree.wire import LOW_CMD, LOW_STATE
 from models.types import JointCommand
 
 AnyLoop: TypeAlias = PlantLoop[Any, Any, Any, Any]
-Act: TypeAlias = Callable[[Any, float], AbstractContextManager[None]]
+Act: TypeAlias = Callable[[Any, float], AbstractContextManager[Any]]
 
 B_BUTTON = 9  #: Bit of button B of the remote controller
 KNEE = 3  #: Motor of the left knee
@@ -23,15 +23,20 @@ EMPTY_COMMAND = b"\0\1" + bytes(30)  #: std_msgs/Float64MultiArray without numbe
 BOOT_TIME = 0.5  #: Without states while the robot's side restarts [s]
 
 
-def _replaced(part: str, name: str, make: Callable[[AnyLoop, float], Any]) -> Act:
-    """An attribute of a part of the loop has the value that is made of the row's."""
+def _at_once(change: Callable[[Any, float], object]) -> Act:
+    """Something that happens when the context begins and is not undone."""
 
     @contextmanager
     def act(loop: AnyLoop, value: float) -> Iterator[None]:
-        with patch.object(getattr(loop, part), name, make(loop, value)):
-            yield
+        change(loop, value)
+        yield
 
     return act
+
+
+def _replaced(part: str, name: str, make: Callable[[AnyLoop, float], Any]) -> Act:
+    """An attribute of a part of the loop has the value that is made of the row's."""
+    return lambda loop, value: patch.object(getattr(loop, part), name, make(loop, value))
 
 
 def _set(name: str) -> Act:
@@ -82,35 +87,30 @@ def _measured(name: str, motor: int, value_of: Callable[[float], float]) -> Act:
     return _states(make)
 
 
-@contextmanager
-def _clock(loop: HardwareLoop, value: float) -> Iterator[None]:
+@_at_once
+def _clock(loop: HardwareLoop, value: float) -> None:
     """The robot's tick jumps by a time [s]."""
     loop.side.clock_offset = round(1000.0 * value)
-    yield
 
 
-@contextmanager
-def _once(loop: HardwareLoop, value: float) -> Iterator[None]:
+@_at_once
+def _once(loop: HardwareLoop, value: float) -> None:
     """One LowCmd of another program: no torque."""
     record = LOW_CMD.new()
     record["mode_machine"] = loop.side.mode_machine
     loop.link.publish(LOW_CMD.write(record))
-    yield
 
 
-@contextmanager
-def _commander(loop: HardwareLoop, rate: float) -> Iterator[None]:
+def _commander(loop: HardwareLoop, rate: float) -> AbstractContextManager[Any]:
     """Another program commands the robot to its zero posture, with moderate gains, at a rate [Hz]."""
     record = LOW_CMD.new()
     record["mode_machine"] = loop.side.mode_machine
     motors = record["motor_cmd"][: loop.robot.nj]
     motors["mode"], motors["kp"], motors["kd"] = 1, 0.5 * loop.robot.kp, loop.robot.kd
-    with _published(loop, LOW_CMD.write(record), rate):
-        yield
+    return _published(loop, LOW_CMD.write(record), rate)
 
 
-@contextmanager
-def _published(loop: AnyLoop, data: bytes, rate: float) -> Iterator[None]:
+def _published(loop: AnyLoop, data: bytes, rate: float) -> AbstractContextManager[Any]:
     """Another program publishes a command at a rate [Hz]."""
     ticks, step = round(1000.0 / rate), loop.link.step
 
@@ -119,8 +119,7 @@ def _published(loop: AnyLoop, data: bytes, rate: float) -> Iterator[None]:
             loop.link.publish(data)
         step()
 
-    with patch.object(loop.link, "step", stepped):
-        yield
+    return patch.object(loop.link, "step", stepped)
 
 
 def _command(loop: Ros2ControlLoop) -> bytes:
@@ -130,46 +129,19 @@ def _command(loop: Ros2ControlLoop) -> bytes:
     return codec.encode(0, JointCommand(zero, zero, zero, 0.5 * loop.robot.kp, loop.robot.kd), q, zero)
 
 
-@contextmanager
-def _other_driver(loop: Ros2ControlLoop, rate: float) -> Iterator[None]:
-    """Another driver commands the robot at a rate [Hz]."""
-    with _published(loop, _command(loop), rate):
-        yield
-
-
-@contextmanager
-def _other_driver_once(loop: Ros2ControlLoop, value: float) -> Iterator[None]:
-    loop.link.publish(_command(loop))
-    yield
-
-
 def _silent(loop: AnyLoop, source: str) -> Callable[[Any], Any]:
     return lambda message: None if message[0] == source else message
 
 
-@contextmanager
-def _jump(loop: Ros2ControlLoop, value: float) -> Iterator[None]:
+@_at_once
+def _jump(loop: Ros2ControlLoop, value: float) -> None:
     """The robot's stamps jump by a time [s]."""
     loop.side.stamp_offset = round(1e9 * value)
-    yield
 
 
 def _inactive(source: Source) -> Act:
     """The controller manager deactivates a controller; that of torques then has none."""
-
-    @contextmanager
-    def act(loop: Ros2ControlLoop, value: float) -> Iterator[None]:
-        loop.side.deactivate(source)
-        yield
-
-    return act
-
-
-@contextmanager
-def _wrong_size(loop: Ros2ControlLoop, value: float) -> Iterator[None]:
-    """A command of another size, for which the controller manager deactivates the controller."""
-    loop.link.publish(EMPTY_COMMAND)
-    yield
+    return _at_once(lambda loop, value: loop.side.deactivate(source))
 
 
 @contextmanager
@@ -179,14 +151,12 @@ def _pressed(loop: HardwareLoop, button: float) -> Iterator[None]:
     loop.side.press()
 
 
-@contextmanager
-def _vendor_again(loop: HardwareLoop, value: float) -> Iterator[None]:
+@_at_once
+def _vendor_again(loop: HardwareLoop, value: float) -> None:
     loop.side.vendor = "ai"
-    yield
 
 
-@contextmanager
-def _battery(loop: HardwareLoop, value: float) -> Iterator[None]:
+def _battery(loop: HardwareLoop, value: float) -> AbstractContextManager[Any]:
     """The robot's side loses its power and starts again: no torque, then its own controller, and a tick from zero."""
     side, loop.link.connected = loop.side, False
     side.command, end = None, side.tick + round(1000.0 * BOOT_TIME)
@@ -198,8 +168,7 @@ def _battery(loop: HardwareLoop, value: float) -> Iterator[None]:
             side.clock_offset, side.vendor, loop.link.connected = -side.tick, "ai", True
         step()
 
-    with patch.object(loop.link, "step", stepped):
-        yield
+    return patch.object(loop.link, "step", stepped)
 
 
 def _killed(process: Process) -> Act:
@@ -263,9 +232,10 @@ ACTS: Mapping[str, Act] = {
     "stamps": _jump,
     "controller_inactive": _inactive(COMMAND),
     "broadcaster_inactive": _inactive(IMU),
-    "wrong_size": _wrong_size,
-    "other_driver": _other_driver,
-    "other_driver_once": _other_driver_once,
+    # of another size: for it the controller manager deactivates the controller
+    "wrong_size": _at_once(lambda loop, value: loop.link.publish(EMPTY_COMMAND)),
+    "other_driver": lambda loop, rate: _published(loop, _command(loop), rate),
+    "other_driver_once": _at_once(lambda loop, value: loop.link.publish(_command(loop))),
     "driver_killed": _killed(Process.DRIVER),
     "control_killed": _killed(Process.CONTROL),
     "guard_stopped": _killed(Process.GUARD),
