@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from bridge.commands import record
-from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, say, signer_of
+from bridge.commands.common import Namespace, Network, console, need, need_ros, say, signer_of
 from bridge.commands.robot import calibrate, hang, identify, mode, reach, reset, send, start, status, walk
 from models.numerics.threads import use_one_thread
 
@@ -22,7 +22,7 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 class _Commands(TyperGroup):
     """Commands of poise, and those registered by other packages, which load when one is run or listed.
 
-    An error of poise that a command does not handle ends it in one line.
+    An error of poise ends a command in one line, with status 2.
     """
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -41,8 +41,13 @@ class _Commands(TyperGroup):
         return super().get_command(ctx, cmd_name)
 
     def invoke(self, ctx: Any) -> Any:
-        with report_errors():
+        from models.errors import PoiseError
+
+        try:
             return super().invoke(ctx)
+        except PoiseError as error:
+            typer.secho(str(error), fg="red", err=True)
+            raise typer.Exit(2) from error
 
 
 app = typer.Typer(
@@ -186,14 +191,13 @@ def up(
     from models.profile import load_profile
     from models.terrain import FLAT, terrain_named
 
-    with report_errors():
-        read_sensor_errors(sensor_errors)
-        fault_plan(faults)
-        terrain_named(terrain)
-        several = inhabitants(robots, place or (), motions)
-        for each in [one.robot for one in several.values()] or [robot]:
-            load_profile(each)  # else every node refuses it, half a minute later
-        own = {} if motions is None or several else own_motions(robot, motions)
+    read_sensor_errors(sensor_errors)
+    fault_plan(faults)
+    terrain_named(terrain)
+    several = inhabitants(robots, place or (), motions)
+    for each in [one.robot for one in several.values()] or [robot]:
+        load_profile(each)  # else every node refuses it, half a minute later
+    own = {} if motions is None or several else own_motions(robot, motions)
     if several and namespace:
         raise typer.BadParameter("--robots names the namespaces: --namespace goes with one robot")
     if several and camera:
@@ -201,20 +205,18 @@ def up(
     if terrain_map and (several or plant != "mujoco"):
         raise typer.BadParameter("--terrain-map goes with one simulated robot; beside others run terrain_mapper alone")
     if terrain_map:
-        with report_errors():
-            sensors = load_profile(robot).sensors
-            if sensors.depth is None and sensors.lidar is None:
-                raise ConfigError(
-                    f"--terrain-map: {robot} has neither sensors.depth nor sensors.lidar; add one to its profile, or"
-                    " start without --terrain-map"
-                )
+        sensors = load_profile(robot).sensors
+        if sensors.depth is None and sensors.lidar is None:
+            raise ConfigError(
+                f"--terrain-map: {robot} has neither sensors.depth nor sensors.lidar; add one to its profile, or"
+                " start without --terrain-map"
+            )
     if given_map is not None:
         if several:
             raise typer.BadParameter("--given-map goes with one robot")
         from planners.terrain.given_map import load_given_map
 
-        with report_errors():
-            load_given_map(given_map)
+        load_given_map(given_map)
     if several and plant != "mujoco":
         raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
     if plant == "mujoco" and plant_options:
@@ -227,19 +229,17 @@ def up(
     from bridge.launch.hardware import PLANTS, check_plant, hardware_options, other_network
 
     if plant in PLANTS:
-        with report_errors():
-            robot, hardware = hardware_options(
-                plant, robot, network_interface, robot_domain, robot_rate, plant_options, at_end
-            )
-            plant_options = hardware.pop("plant_options")
-            check_plant(plant, robot, plant_options)
+        robot, hardware = hardware_options(
+            plant, robot, network_interface, robot_domain, robot_rate, plant_options, at_end
+        )
+        plant_options = hardware.pop("plant_options")
+        check_plant(plant, robot, plant_options)
         if speed != 1.0 or lockstep or camera:
             raise typer.BadParameter(
                 "--speed, --lockstep and --camera go with a simulated robot; poise rehearse has an own --speed"
             )
     elif network_interface or at_end or robot_domain is not None or robot_rate is not None:
-        with report_errors():
-            find_plant(plant)  # it may be misspelt
+        find_plant(plant)  # it may be misspelt
         raise typer.BadParameter(
             "--network-interface, --robot-domain, --robot-rate and --at-end go with --plant " + " or ".join(PLANTS)
         )
@@ -266,14 +266,12 @@ def up(
         "actions": actions,
     }
     if plant not in (*PLANTS, "mujoco"):
-        with report_errors():
-            options["robot_network"] = other_network(plant, plant_options)
+        options["robot_network"] = other_network(plant, plant_options)
     if hardware:
         options["parameters"].update({name: {**own.get(name, {}), **more} for name, more in hardware["rates"].items()})
         options |= {name: hardware[name] for name in ("robot_network", "ending")}
     if params_file is not None:
-        with report_errors():
-            options["parameters"] = with_file(options["parameters"], params_file)
+        options["parameters"] = with_file(options["parameters"], params_file)
     raise typer.Exit(
         up_world(several, **options)
         if several
@@ -304,8 +302,7 @@ def view(
 
     if key is not None and host not in ("127.0.0.1", "localhost"):
         raise typer.BadParameter("a page that others reach would sign for each of them: --key goes with 127.0.0.1 only")
-    with report_errors():
-        serve(robot=robot, host=host, port=port, network=network, namespace=namespace, signer=signer_of(key))
+    serve(robot=robot, host=host, port=port, network=network, namespace=namespace, signer=signer_of(key))
 
 
 @app.command()
@@ -320,8 +317,7 @@ def teleop(
     need_ros()
     from bridge.teleop import teleop as steer
 
-    with report_errors():
-        steer(robot, gamepad=gamepad, network=network, namespace=namespace, signer=signer_of(key))
+    steer(robot, gamepad=gamepad, network=network, namespace=namespace, signer=signer_of(key))
 
 
 @app.command()
@@ -329,8 +325,7 @@ def key(file: Annotated[Path, typer.Argument(help="File to write; an existing fi
     """Make a key for signed commands: random bytes that this user alone can read."""
     from controllers.commands.command_signature import write_key
 
-    with report_errors():
-        write_key(file)
+    write_key(file)
     console().print(f"{file}: new key; copy it to the robot and its operators, and keep it secret", markup=False)
 
 
@@ -343,8 +338,7 @@ def map_ground(
     from models.terrain import terrain_named
     from planners.terrain.given_map import save_given_map, terrain_heights
 
-    with report_errors():
-        image = save_given_map(file, terrain_heights(terrain_named(terrain)))
+    image = save_given_map(file, terrain_heights(terrain_named(terrain)))
     console().print(f"{file}: heights of '{terrain}', with {image}", markup=False)
 
 
@@ -361,8 +355,7 @@ def check_robot(
     from bridge.check_robot import check_robot as check
     from bridge.check_robot import report
 
-    with report_errors():
-        verdict = check(urdf, out or Path(f"{urdf.stem}.yaml"), package_dir or (), overwrite=overwrite)
+    verdict = check(urdf, out or Path(f"{urdf.stem}.yaml"), package_dir or (), overwrite=overwrite)
     report(verdict, console())
     raise typer.Exit(0 if verdict.passed else 1)
 
@@ -393,8 +386,7 @@ def joints(robot: Robot = "g1") -> None:
 
     from models.robot_model import RobotModel
 
-    with report_errors():
-        model = RobotModel.load(robot)
+    model = RobotModel.load(robot)
     joint = Column("joint", no_wrap=True)
     limits = ("q\n\\[rad]", "v\n\\[rad/s]", "tau\n\\[N.m]")
     table = Table(joint, Column("aliases", overflow="fold"), *limits, box=None, pad_edge=False, collapse_padding=True)
@@ -418,9 +410,8 @@ def controllers(
     from bridge.plants.ros2_control.controllers_file import controllers_file
     from models.robot_model import RobotModel
 
-    with report_errors():
-        model = RobotModel.load(PROFILES.get(robot, robot))
-        text = controllers_file(model, read_config(read_options(plant_options)))
+    model = RobotModel.load(PROFILES.get(robot, robot))
+    text = controllers_file(model, read_config(read_options(plant_options)))
     say(text, nl=False)
 
 

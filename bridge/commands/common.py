@@ -57,18 +57,6 @@ def print_reply(reply: CommandReply) -> int:
     return 0 if reply.accepted else 1
 
 
-@contextmanager
-def report_errors() -> Iterator[None]:
-    """Print an error of poise as one line and end with status 2."""
-    from models.errors import PoiseError
-
-    try:
-        yield
-    except PoiseError as error:
-        typer.secho(str(error), fg="red", err=True)
-        raise typer.Exit(2) from error
-
-
 def signer_of(key: Path | None, source: str = "teleop") -> Signer | None:
     """Signer of a source's commands; None without a key."""
     if key is None:
@@ -80,11 +68,10 @@ def signer_of(key: Path | None, source: str = "teleop") -> Signer | None:
 
 @contextmanager
 def connected(network: bool, namespace: str, key: Path | None = None, source: str = "teleop") -> Iterator[Client]:
-    """Client of the running robot, which signs with a key; an error of poise ends the command with status 2."""
-    with report_errors():
-        signer = signer_of(key, source)
-        need_ros()
-        from bridge.ros.client import Client
+    """Client of the running robot, which signs with a key."""
+    signer = signer_of(key, source)
+    need_ros()
+    from bridge.ros.client import Client
 
-        with Client(network=network, namespace=namespace, signer=signer) as client:
-            yield client
+    with Client(network=network, namespace=namespace, signer=signer) as client:
+        yield client

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, say
+from bridge.commands.common import Namespace, Network, console, need, need_ros, say
 
 if TYPE_CHECKING:
     from bridge.replay.replay import ReplayReport
@@ -31,13 +31,12 @@ def record(
 
     path = out or Path("out") / f"recording-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap"
     stop = Stop()  # Ctrl-C no longer interrupts: the file is completed
-    with report_errors():
-        log = McapLog(path)
-        recorder = GraphRecorder(log)
-        try:
-            recorder.record(seconds, stop, network=network, namespace=namespace, say=say)
-        finally:
-            log.close(keep=recorder.received > 0)
+    log = McapLog(path)
+    recorder = GraphRecorder(log)
+    try:
+        recorder.record(seconds, stop, network=network, namespace=namespace, say=say)
+    finally:
+        log.close(keep=recorder.received > 0)
     if not recorder.received:
         say("nothing was recorded: no message of a robot arrived")
         raise typer.Exit(1)
@@ -60,8 +59,7 @@ def replay(
     robot: Robot = "",
 ) -> None:
     """Run the laws again on a recording or a black box; status 0 only if every command is the same to the last bit."""
-    with report_errors():
-        report = _replay(file, robot)
+    report = _replay(file, robot)
     for line in _lines(report):
         say(line)
     raise typer.Exit(0 if report.identical else 1)
@@ -110,8 +108,7 @@ def plot(
     from bridge.analysis.plots import plot_record
     from bridge.record.run_file import read_run
 
-    with report_errors():
-        files = plot_record(read_run(file, robot), out)
+    files = plot_record(read_run(file, robot), out)
     say(", ".join(str(each) for each in files))
 
 
@@ -127,8 +124,7 @@ def export(
     need("pyarrow", "pip install 'poise[dataset]'")
     from bridge.record.lerobot import export as write
 
-    with report_errors():
-        lengths = write(files, out, fps, task, robot)
+    lengths = write(files, out, fps, task, robot)
     from rich.table import Table
 
     table = Table("task", "episodes", "frames")
@@ -171,18 +167,17 @@ def imu(
 
     listener = ImuListener(take)
     stop = Stop()  # Ctrl-C no longer interrupts: the files are completed
-    with report_errors():
-        try:
-            if mcap is not None:
-                messages = McapLog(mcap)
-                messages.announce(topic, "sensor_msgs/msg/Imu")
-            if csv is not None:
-                lines = CsvImuLog(csv)
-            listener.listen(seconds, stop, network=network, namespace=namespace)
-        finally:
-            for log in (messages, lines):
-                if log is not None:
-                    log.close(keep=listener.count > 0)
+    try:
+        if mcap is not None:
+            messages = McapLog(mcap)
+            messages.announce(topic, "sensor_msgs/msg/Imu")
+        if csv is not None:
+            lines = CsvImuLog(csv)
+        listener.listen(seconds, stop, network=network, namespace=namespace)
+    finally:
+        for log in (messages, lines):
+            if log is not None:
+                log.close(keep=listener.count > 0)
     if not listener.count:
         raise typer.Exit(1)
     files = ", ".join(str(path) for path in (csv, mcap) if path is not None)
@@ -202,9 +197,8 @@ def black_box(
     from controllers.recording.black_box_file import BlackBoxRecord
     from models.robot_model import RobotModel
 
-    with report_errors():
-        record = BlackBoxRecord.load(file).last(last)
-        files = plot_black_box(RobotModel.load(robot or record.robot), record, out)
+    record = BlackBoxRecord.load(file).last(last)
+    files = plot_black_box(RobotModel.load(robot or record.robot), record, out)
     say(f"{record.robot}, {len(record.t)} rows, {record.t[-1] - record.t[0]:.3f} s: {record.reason}")
     for t, text in record.events:
         say(f"{t:10.3f} s  {text}")
