@@ -86,8 +86,6 @@ def read_run(path: Path, robot: str = "") -> RecordedRun:
                 if take is not None:
                     take(message.log_time, bytes(message.data))
             return run
-    except PoiseError:
-        raise
     except OSError as error:
         raise PoiseError(f"{path}: cannot be read: {error.strerror}") from error
     except (McapError, ZstdError, struct.error, ValueError, OverflowError) as error:

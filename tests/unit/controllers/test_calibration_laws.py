@@ -15,7 +15,6 @@ from models.robot_model import RobotModel
 from models.types import SensorData, Vector
 
 DT = 0.002
-Channel = Callable[[int, Vector], Vector]
 
 
 class Feed:
