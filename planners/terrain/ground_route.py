@@ -65,7 +65,8 @@ class GroundRoute:
     A plan from standing is made after ``look`` [s], in which the robot sees what is ahead. During the walk a touchdown
     makes a plan due whose steps follow the next ones; one that comes too late, or ends before the present plan, is not
     used, unless the ground of that has changed. So the robot goes on without a stop where the map grows in time;
-    otherwise it stands, looks and goes on.
+    otherwise it stands, looks and goes on, also where its plan became void and no other one was found: what a map shows
+    during a walk may be wrong for a moment. The walk ends with the reason of a plan from standing.
 
     Attributes:
         outcome: Empty under way; ``done``, or why the walk has ended.
@@ -89,6 +90,7 @@ class GroundRoute:
         self.outcome, self.plans = "", 0
         self._pending, self._asked = None, self._gait.steps
         self._standing: float | None = None
+        self._stopped = False  # by this route, to look again
         self._taken: tuple[Footstep, ...] = ()  # of the plan in use, with the heights that the map had
 
     def end(self, reason: str) -> None:
@@ -115,7 +117,7 @@ class GroundRoute:
             return self._ask(t, query, gait.steps + _KEPT)
         if not gait.settled:
             return None
-        if self.plans and gait.route.outcome not in ("", "done"):
+        if self.plans and gait.route.outcome not in ("", "done") and not self._stopped:
             self.end(gait.route.outcome)
             return None
         feet = gait.footholds
@@ -134,9 +136,10 @@ class GroundRoute:
             return
         self._pending = None
         if not answer.steps:
-            if request.after is None or answer.blocked:
+            if request.after is None:
                 self.end(answer.reason or "the ground planner found no step")
-            if answer.blocked:
+            elif answer.blocked:
+                self._stopped = True
                 self._walker.stop()
             return
         if request.after is not None and not self._helps(request.after, answer):
@@ -147,7 +150,7 @@ class GroundRoute:
             if request.after is None:
                 self.end(str(error))
             return
-        self.plans, self._taken = self.plans + 1, answer.steps
+        self.plans, self._taken, self._stopped = self.plans + 1, answer.steps, False
         if request.after is None:
             self._asked, self._standing = self._gait.steps, None
 

@@ -137,7 +137,7 @@ def test_a_plan_on_the_way_that_does_not_help_is_left_out(case: str) -> None:
     assert walked.gait.route.steps == before and walked.route.active
 
 
-def test_where_the_ground_has_changed_a_shorter_plan_is_used_and_without_one_the_robot_stops() -> None:
+def test_where_the_ground_has_changed_a_shorter_plan_is_used_and_without_one_the_robot_stops_and_looks() -> None:
     walked, request = started()
     shorter = ahead(2, first=walked.gait.route.steps[2].foot, x=0.3)
     walked.route.answer(Answer(request.number, shorter, "a wall", blocked=True))
@@ -145,7 +145,20 @@ def test_where_the_ground_has_changed_a_shorter_plan_is_used_and_without_one_the
     walked, request = started()
     assert request.query.planned == ahead(5)[3:]
     walked.route.answer(Answer(request.number, (), "a wall", blocked=True))
-    assert walked.gait.route.outcome == "stopped" and walked.route.outcome == "a wall"
+    assert walked.gait.route.outcome == "stopped" and walked.route.active
+    again = walked.wait(10.0)  # it stands and looks
+    assert again.after is None
+    walked.route.answer(Answer(again.number, (), "a wall"))
+    assert walked.route.outcome == "a wall"
+
+
+def test_a_stop_of_another_one_ends_the_walk() -> None:
+    walked, request = started()
+    walked.gait.stop()
+    walked.route.answer(Answer(request.number, (), "a wall"))
+    with pytest.raises(AssertionError, match="no request"):
+        walked.wait(10.0)
+    assert walked.route.outcome == "stopped"
 
 
 def test_footsteps_go_on_from_a_touchdown_of_a_route_only() -> None:
