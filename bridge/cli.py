@@ -10,6 +10,7 @@ from typer.core import TyperGroup
 from bridge.commands import record
 from bridge.commands.common import Namespace, Network, console, need, need_ros, say, signer_of
 from bridge.commands.robot import calibrate, hang, identify, mode, reach, reset, send, start, status, walk
+from models.errors import PoiseError
 from models.numerics.threads import use_one_thread
 
 ENTRY_POINTS = "poise.commands"  #: Entry points of further commands, such as ``poise bench``
@@ -41,8 +42,6 @@ class _Commands(TyperGroup):
         return super().get_command(ctx, cmd_name)
 
     def invoke(self, ctx: Any) -> Any:
-        from models.errors import PoiseError
-
         try:
             return super().invoke(ctx)
         except PoiseError as error:

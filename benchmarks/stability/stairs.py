@@ -33,13 +33,13 @@ _PERIOD = 0.02  #: Of the requests for plans [s]
 _BEHIND = 4.0  #: Level ground behind stairs [m]
 _ROUNDING = 1e-6  #: Of the length of the ground [m]
 _LOOK = 1.0  #: Before it walks around something [s]
-_PLANS = 3  #: After so many plans it gets dark, a box appears, or the sensors shift
+_PLANS = 3  #: After so many plans the sensors are blind or shift, or a box appears
 _BEYOND = 0.3  #: How far behind the last riser a walk on sight goes [m]
 
 
-#: What is seen is ``amount`` [m] too high from the start, or from a later plan on, until soles correct it; the map is
-#: too far ahead; what is in it moves ahead by as much in a second, a cell at a time; it sees nothing for ``amount``
-#: [s]; a box appears so far ahead [m]
+#: By ``amount`` [m] heights are seen too high, from the start until soles correct them (``high``) or from a later plan
+#: on (``shift``); the map is too far ahead (``ahead``); its content moves ahead in a second by whole cells (``drift``);
+#: a box appears so far ahead (``appears``). With ``blind`` nothing is seen for so long [s]
 Kind = Literal["high", "shift", "ahead", "drift", "blind", "appears"]
 
 
@@ -209,7 +209,7 @@ class Sight:
         return ground._replace(corner=(x + self._amount, y)) if self._kind == "ahead" else ground
 
     def update(self, route: GroundRoute) -> None:
-        """Move the map; after some plans it gets dark, a box appears, or the sensors shift."""
+        """Move the map; after some plans the sensors are blind or shift, or a box appears."""
         loop, grid = self._loop, self._loop.ground_view.mapper.map
         if self._kind == "drift" and loop.t - self._moved > grid.cell / self._amount:
             self._moved, grid.origin = loop.t, grid.origin + np.array([1, 0])

@@ -91,7 +91,7 @@ class GroundPlanner:
         half = round(_ASIDE / GRID[1])
         sides: Vector = np.asarray(GRID[1] * np.arange(-half, half + 1), dtype=np.float64)
         places = Places(ways, sides, self._ground.survey(ground, line, ways, sides))
-        if places.farthest < least:
+        if places.farthest <= least:
             return GroundPlan([], ""), -math.inf
         known = bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in query.feet]))).any())
         found = self._search.steps(places, at, query.foot, known=known, distance=query.distance)
@@ -115,7 +115,7 @@ class GroundPlanner:
         return int((off > LEVEL).sum()) < _STRAY
 
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:
-        """Whether the ground under or between the planned footsteps has changed since their plan."""
+        """Whether the ground under, between or beside the planned footsteps has changed since their plan."""
         feet, points = list(query.feet), self._ground.points
         for step in query.planned:
             last, hold = feet[step.foot], step.hold
@@ -125,6 +125,8 @@ class GroundPlanner:
             places = np.array([hold.moved(x, y) for x, y in points.tolist()])
             level = np.array([step.tread.height(hold, x, y) for x, y in places.tolist()])
             if (np.abs(ground.at(places) - level) > LEVEL).mean() > _CHANGED:
+                return True
+            if self._ground.leg_in_ground(ground, hold) > LEVEL:
                 return True
             way = np.array([last.x - hold.x, last.y - hold.y])
             between = np.concatenate([places + share * way for share in np.arange(0.0, 1.0, _AHEAD_MIN)])

@@ -34,7 +34,7 @@ class Costs(NamedTuple):
     long: float = 60.0  #: Of the square of what a step, with its rise, is longer than the stride, or its swing than two
     crouch: float = 200.0  #: Of the square of how much lower the body is between both soles [1/m^2]
     edge: float = 0.6  #: Of a sole beside an edge
-    wall: float = 12.0  #: Of the squared share by which higher ground ahead or behind, for shin or heel, is too near
+    wall: float = 12.0  #: Of the squared share by which higher ground ahead or behind is too near to the leg
     line: float = 400.0  #: Of the square of a sole's distance from its nominal place beside the line [1/m^2]
     width: float = 300.0  #: Of the square of the difference from the nominal width between the feet [1/m^2]
 

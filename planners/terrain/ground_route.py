@@ -20,6 +20,7 @@ _ARRIVED = 0.05  #: From the end of the way, where the walk is over [m]
 _BACK = 0.03  #: By which a plan may end before the one that it replaces [m]
 _HORIZON = 2.0  #: How far ahead of the feet is planned at most [m]
 _PATIENCE = 5.0  #: Longest wait for a plan [s]
+_STOPS = 3  #: After so many stops for a plan that became void, the next one ends the walk
 
 
 class Walker(Protocol):
@@ -90,7 +91,7 @@ class GroundRoute:
         self.outcome, self.plans = "", 0
         self._pending, self._asked = None, self._gait.steps
         self._standing: float | None = None
-        self._stopped = False  # by this route, to look again
+        self._stops, self._stopped = 0, False  # made by this route, to look again; and whether one is under way
         self._taken: tuple[Footstep, ...] = ()  # of the plan in use, with the heights that the map had
 
     def end(self, reason: str) -> None:
@@ -136,11 +137,11 @@ class GroundRoute:
             return
         self._pending = None
         if not answer.steps:
-            if request.after is None:
-                self.end(answer.reason or "the ground planner found no step")
-            elif answer.blocked:
-                self._stopped = True
+            if answer.blocked:
+                self._stops, self._stopped = self._stops + 1, True
                 self._walker.stop()
+            if request.after is None or self._stops > _STOPS:
+                self.end(answer.reason or "the ground planner found no step")
             return
         if request.after is not None and not self._helps(request.after, answer):
             return

@@ -14,7 +14,7 @@ from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, Foothold
 from planners.terrain.elevation_map import Heights
-from planners.terrain.leg_room import LAYER, leg_room
+from planners.terrain.leg_extent import layer_at, leg_extent
 
 GRID = (0.01, 0.02)  #: Between two places, along and across a line [m]
 BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
@@ -26,13 +26,14 @@ _SAME = 0.01  #: Difference of height between neighbours of a lattice on the sam
 _HIGHER = 0.03  #: Above the plane of a sole from which on ground is higher [m]
 _WALL = 0.08  #: Distance ahead or behind of a leg from which on higher ground does not matter [m]
 
-_Line = tuple[float, float, float, float]  #: x and y of its begin [m], cosine and sine of its heading
+_Line = tuple[float, float, float, float]  #: x and y of the start in W [m], cosine and sine of the heading
 
 
 class Survey(NamedTuple):
     """Ground under a sole at each place of a lattice (n, m)."""
 
-    #: 1: it lies on a plane; 2: on rough ground, where it may only be moved to; 0: on none; -1: some is not known
+    #: 1: it lies on a plane; 2: on rough ground, where it may only be moved to; 0: on none, or the leg is in higher
+    #: ground; -1: some is not known
     fits: NDArray[np.int8]
     height: Matrix  #: Of that plane in the middle [m]
     along: Matrix  #: Its slope along the line [-]
@@ -47,7 +48,7 @@ class Survey(NamedTuple):
 class SoleSurvey:
     """Fits planes to the ground under a sole, ``swing.edge`` around its ends and ``BESIDE`` it.
 
-    There is no place for a sole where its leg would be in higher ground, see ``leg_room``.
+    A sole does not fit where its leg would be in higher ground, see ``leg_extent``.
 
     Attributes:
         points: Places of that ground in the frame of the sole (k, 2) [m].
@@ -55,7 +56,7 @@ class SoleSurvey:
 
     def __init__(self, robot: RobotModel, config: GaitConfig) -> None:
         x_min, x_max, y_min, y_max = robot.feet[LEFT].rectangle
-        self._leg, edge = leg_room(robot, config.pace.fast.crouch), config.swing.edge
+        self._leg, edge = leg_extent(robot, config.pace.fast.crouch), config.swing.edge
         across = np.linspace(y_min - BESIDE, y_max + BESIDE, 2 + round((y_max - y_min + 2.0 * BESIDE) / _POINTS))
         along = np.linspace(x_min - edge, x_max + edge, 2 + round((x_max - x_min + 2.0 * edge) / _POINTS))
         self.points, self._across = np.array([(x, y) for x in along for y in across]), across
@@ -70,12 +71,17 @@ class SoleSurvey:
         at = ground.values, ground.corner, ground.cell, heading, longer, sides
         fits, planes, bounds = _fit_planes(*at, self.points, self._inverse, (_FLAT, _ROUGH))
         height = planes[..., 2]
-        wall = _walls(*at, self._leg, fits, planes)
+        wall = _walls(*at, self._leg, self._across, fits, planes)
         fits[wall > 1.0] = 0
         room = _rooms(fits, height, (more, round(_ROOM[1] / GRID[1])), _SAME) * np.repeat(GRID, 2)
         top = _tops(*at, self._across)
         layers = fits, height, planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room, wall, top
         return Survey(*(np.ascontiguousarray(layer[more:-more]) for layer in layers))
+
+    def leg_in_ground(self, ground: Heights, hold: Foothold) -> float:
+        """How deep the leg over a sole at ``hold`` is in ground ahead of it or behind [m]; negative before that."""
+        here = self.survey(ground, hold, np.zeros(1), np.zeros(1))
+        return float(here.wall[0, 0] - 1.0) * _WALL
 
 
 @njit(cache=True, forceinline=True)
@@ -197,23 +203,30 @@ def _walls(
     ways: Vector,
     sides: Vector,
     leg: Matrix,
+    across: Vector,
     fits: NDArray[np.int8],
     planes: Matrix,
 ) -> Matrix:
-    """Share of ``_WALL`` by which ground above the plane of a sole is nearer to its leg; more than 1 within it."""
+    """Share of ``_WALL`` by which higher ground on the middle line of a sole is nearer to its leg.
+
+    More than 1 where higher ground at any of the points ``across`` the sole (k,) [m] is within the leg.
+    """
     wall = np.zeros(fits.shape)
     nearest, farthest = leg[0], leg[-1] + np.array((-_WALL, _WALL))
     for i in range(len(ways)):
         for j in range(len(sides)):
-            if fits[i, j] != 1:
+            if fits[i, j] <= 0:
                 continue
-            for side, sign in ((0, -1.0), (1, 1.0)):
-                ahead = nearest[side]
-                while sign * (farthest[side] - ahead) > 0.0:
-                    ahead += sign * 0.5 * cell
-                    above = _height_at(heights, corner, cell, line, ways[i] + ahead, sides[j])
-                    above -= planes[i, j, 2] + planes[i, j, 0] * ahead
-                    if above > _HIGHER:
-                        gap = sign * (ahead - leg[min(round(above / LAYER), len(leg)) - 1, side])
-                        wall[i, j] = max(wall[i, j], 1.0 - gap / _WALL)
+            for k in range(-1, len(across)):
+                beside = across[k] if k >= 0 else 0.0
+                for side, sign in ((0, -1.0), (1, 1.0)):
+                    ahead = nearest[side]
+                    while sign * (farthest[side] - ahead) > 0.0:
+                        ahead += sign * 0.5 * cell
+                        above = _height_at(heights, corner, cell, line, ways[i] + ahead, sides[j] + beside)
+                        above -= planes[i, j, 2] + planes[i, j, 0] * ahead + planes[i, j, 1] * beside
+                        if above > _HIGHER:
+                            share = 1.0 - sign * (ahead - leg[layer_at(above, len(leg)), side]) / _WALL
+                            if k < 0 or share > 1.0:
+                                wall[i, j] = max(wall[i, j], share)
     return wall

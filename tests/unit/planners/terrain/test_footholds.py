@@ -17,7 +17,7 @@ from planners.gait.scaling import load_gait_config
 from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlan, GroundPlanner, GroundQuery
-from planners.terrain.leg_room import LAYER, leg_room
+from planners.terrain.leg_extent import layer_at, leg_extent
 from planners.terrain.mapper import TerrainMapper
 from planners.terrain.survey import SoleSurvey
 
@@ -220,28 +220,44 @@ def test_soles_keep_away_from_the_riser_that_shin_or_heel_may_meet(mapper: Terra
                 assert after.hold.x - before.hold.x <= 0.3
 
 
+def boxed(high: float, face: float, side: float = -2.0) -> Heights:
+    """Level ground with a box of a height from x = ``face`` on, to the left of y = ``side`` [m]."""
+    middles = 0.02 * np.arange(-75, 75) + 0.01
+    return Heights(np.where((middles[:, None] > face) & (middles > side), high, 0.0), (-1.5, -1.5), 0.02)
+
+
 @pytest.mark.parametrize("high", [0.10, 0.30, 0.50])
-def test_a_knee_does_not_get_into_what_stands_ahead(robot: RobotModel, high: float) -> None:
-    """Above the shin the leg reaches farther ahead than the sole does."""
+@pytest.mark.parametrize("side", [-2.0, 0.02])
+def test_a_sole_does_not_fit_where_its_leg_would_be_in_a_box(robot: RobotModel, high: float, side: float) -> None:
+    """Above the shin the leg reaches farther ahead than the sole does; the box may be ahead of a part of its width."""
     gait, (_, toe, *_) = load_gait_config(robot), robot.feet[0].rectangle
-    middles, face = 0.02 * np.arange(-75, 75) + 0.01, 0.9
-    wall = np.where((middles > face) & (middles < face + 0.4), high, 0.0)
-    ground = Heights(np.repeat(wall[:, None], 150, axis=1), (-1.5, -1.5), 0.02)
-    steps, _ = GroundPlanner(robot, gait).plan(ground, GroundQuery(START, 2.0, soles_at(START, gait.reach.width)))
-    room = leg_room(robot, gait.pace.fast.crouch)[round(high / LAYER) - 1, 1]
-    ends = [step.hold.x for step in steps if step.hold.z < 0.05 and step.hold.x < face]
-    assert max(ends) + room <= face + 0.01
-    assert (room > toe + 0.08) == (high > 0.2)
+    ways, face = 0.01 * np.arange(70), 0.7
+    fits = SoleSurvey(robot, gait).survey(boxed(high, face, side), START, ways, np.zeros(1)).fits[:, 0] == 1
+    extent = leg_extent(robot, gait.pace.fast.crouch)
+    ahead = max(extent[layer_at(high, len(extent)), 1], toe + gait.swing.edge)
+    last = ways[np.flatnonzero(fits)[-1]]
+    assert fits[ways <= last].all() and face - ahead - 0.03 < last <= face - ahead + 0.01
+    assert (ahead > toe + 0.08) == (high > 0.2)
 
 
-def test_the_room_of_a_leg_is_that_of_its_links(robot: RobotModel) -> None:
+def test_a_plan_is_blocked_by_what_appears_where_its_legs_would_be(robot: RobotModel) -> None:
+    planner, gait = GroundPlanner(robot, load_gait_config(robot)), load_gait_config(robot)
+    query = GroundQuery(START, 0.6, soles_at(START, gait.reach.width))
+    steps, _ = planner.plan(boxed(0.0, 1.0), query)
+    end = max(step.hold.x for step in steps)
+    known = structs.replace(query, planned=tuple(steps))
+    knee = leg_extent(robot, gait.pace.fast.crouch)[-1, 1]
+    assert planner.blocked(boxed(0.5, end + knee - 0.06), known)
+    assert not planner.blocked(boxed(0.5, end + knee + 0.02), known)
+
+
+def test_the_extent_of_a_leg_is_that_of_its_links(robot: RobotModel) -> None:
     x_min, x_max, *_ = robot.feet[0].rectangle
-    straight, bent = leg_room(robot, 0.0), leg_room(robot, 0.06)
-    for room in (straight, bent):
-        assert room[0].tolist() == [x_min, x_max]  # the sole alone
-        assert (np.diff(room[:, 0]) <= 0.0).all() and (np.diff(room[:, 1]) >= 0.0).all()
-    knee = bent[-1, 1] - straight[-1, 1]
-    assert 0.04 < knee < 0.12
+    straight, bent = leg_extent(robot, 0.0), leg_extent(robot, 0.06)
+    for extent in (straight, bent):
+        assert extent[0].tolist() == [x_min, x_max]  # the sole alone
+        assert (np.diff(extent[:, 0]) <= 0.0).all() and (np.diff(extent[:, 1]) >= 0.0).all()
+    assert 0.04 < bent[-1, 1] - straight[-1, 1] < 0.12
 
 
 def test_cells_on_an_edge_do_not_take_the_room_across() -> None:

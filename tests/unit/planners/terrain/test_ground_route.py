@@ -152,13 +152,34 @@ def test_where_the_ground_has_changed_a_shorter_plan_is_used_and_without_one_the
     assert walked.route.outcome == "a wall"
 
 
-def test_a_stop_of_another_one_ends_the_walk() -> None:
+def looked_again(walked: Walked, request: Request) -> Request:
+    """The request from standing after a plan has become void, and there was no other one."""
+    walked.route.answer(Answer(request.number, (), "a wall", blocked=True))
+    return walked.wait(10.0)
+
+
+@pytest.mark.parametrize("void", [False, True])
+def test_a_stop_that_the_route_did_not_make_ends_the_walk(void: bool) -> None:
     walked, request = started()
+    if void:
+        request = looked_again(walked, request)
+    walked.route.answer(Answer(request.number, ahead(5) if void else (), "a wall"))
     walked.gait.stop()
-    walked.route.answer(Answer(request.number, (), "a wall"))
     with pytest.raises(AssertionError, match="no request"):
         walked.wait(10.0)
     assert walked.route.outcome == "stopped"
+
+
+def test_a_map_that_changes_again_and_again_ends_the_walk() -> None:
+    walked, request = started()
+    for _ in range(3):
+        request = looked_again(walked, request)
+        walked.route.answer(Answer(request.number, ahead(5)))
+        walked.land()
+        request = walked.requested()
+        assert request.after is not None and walked.route.active
+    walked.route.answer(Answer(request.number, (), "a wall", blocked=True))
+    assert walked.route.outcome == "a wall" and walked.gait.route.outcome == "stopped"
 
 
 def test_footsteps_go_on_from_a_touchdown_of_a_route_only() -> None:
