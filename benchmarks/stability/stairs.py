@@ -37,10 +37,11 @@ _PLANS = 3  #: After so many plans the sensors are blind or shift, or a box appe
 _BEYOND = 0.3  #: How far behind the last riser a walk on sight goes [m]
 
 
-#: By ``amount`` [m] heights are seen too high, from the start until soles correct them (``high``) or from a later plan
-#: on (``shift``); the map is too far ahead (``ahead``); its content moves ahead in a second by whole cells (``drift``);
-#: a box appears so far ahead (``appears``). With ``blind`` nothing is seen for so long [s]
-Kind = Literal["high", "shift", "ahead", "drift", "blind", "appears"]
+#: By ``amount`` [m] heights are seen too high, from the start until soles correct them (``high``) or from a later
+#: plan on (``shift``); those of the map stay too high (``raised``); the map is too far ahead (``ahead``); its content
+#: moves ahead in a second by whole cells (``drift``); a box appears so far ahead (``appears``). With ``blind`` nothing
+#: is seen for so long [s]
+Kind = Literal["high", "shift", "raised", "ahead", "drift", "blind", "appears"]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -206,7 +207,12 @@ class Sight:
         """The map of this moment."""
         ground = self._loop.ground_view.mapper.ground()
         x, y = ground.corner
-        return ground._replace(corner=(x + self._amount, y)) if self._kind == "ahead" else ground
+        match self._kind:
+            case "ahead":
+                return ground._replace(corner=(x + self._amount, y))
+            case "raised":
+                return ground._replace(values=ground.values + self._amount)
+        return ground
 
     def update(self, route: GroundRoute) -> None:
         """Move the map; after some plans the sensors are blind or shift, or a box appears."""
