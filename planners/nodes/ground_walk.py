@@ -33,6 +33,9 @@ _NEAR = 0.1  #: Distance from a goal up to which the ground is watched ahead, no
 _LOOK = 1.0  #: How long it looks before it asks for a way around [s]
 _DETOURS = 5  #: Ways around that are tried for a goal
 _AROUND = "around"  #: Parameter
+_WARNED = 10.0  #: Between two warnings of the same kind [s]
+_UNSEEN = "no map of the ground younger than 1 s: the robot walks without one; see terrain_mapper and its clouds"
+_UNANSWERED = f"no answer of the ground planner for {_PATIENCE:g} s: the robot walks without a map meanwhile"
 
 
 class _Stage(Enum):
@@ -71,7 +74,8 @@ class GroundWalk:
         self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
         self._around = lambda: bool(node.get_parameter(_AROUND).value)
-        self._number = 0  # of the last watch
+        self._number = self._before = 0  # of the last watch, and of the last one before the present command
+        self._warn = node.get_logger().warning
         self._stage, self.outcome = _Stage.IDLE, ""
         self._goal: Foothold | None = None
         self._poses: list[Foothold] = []  # to walk through on the way to the goal
@@ -102,7 +106,7 @@ class GroundWalk:
             self._report("")
         self._route.end(reason)
         self._stage, self._goal, self.outcome, self._velocity = _Stage.IDLE, None, reason, STILL
-        self._poses = []
+        self._poses, self._before = [], self._number
 
     def admit(self, velocity: Velocity) -> Velocity:
         """The part of a commanded velocity that the gait may walk at: none where plans take over."""
@@ -127,6 +131,7 @@ class GroundWalk:
         match self._stage:
             case _Stage.ASKED:
                 if t - self._asked > _PATIENCE:
+                    self._warn(_UNANSWERED, throttle_duration_sec=_WARNED)
                     self._walk_blind()
             case _Stage.BLIND:
                 if self._goal is not None and not law.route.left and (law.settled or not self._poses):
@@ -170,7 +175,10 @@ class GroundWalk:
                 self._route.end("level")  # the rest is walked at the commanded velocity
             else:
                 self._route.answer(answer)
-        elif self._stage in (_Stage.ASKED, _Stage.BLIND) and answer.number == self._number:
+        elif self._stage in (_Stage.ASKED, _Stage.BLIND) and self._number <= answer.number < self._before:
+            # A late answer counts, too: the ground that it saw ahead is still there.
+            if answer.blind:
+                self._warn(_UNSEEN, throttle_duration_sec=_WARNED)
             if not (answer.level or answer.blind):
                 self._stage = _Stage.STOP
                 self._stack.hold_velocity(*STILL)

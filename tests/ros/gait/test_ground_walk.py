@@ -220,6 +220,21 @@ def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_changes(bench:
     assert robot.stack.gait.state.command.moves
 
 
+@pytest.mark.parametrize("present", [True, False])
+def test_a_late_answer_counts_for_the_command_that_it_was_asked_for(bench: Any, g1: RobotModel, present: bool) -> None:
+    robot = Guided(bench, g1)
+    robot.drive(0.3)
+    late = robot.ask()
+    if not present:
+        robot.drive(0.2)
+        robot.ask()
+    robot.stack.gait.state.steps += 1  # a touchdown, and the next watch
+    assert robot.ask().number < late.number
+    robot.send(Answer(late.number))
+    robot.tick(1)
+    assert robot.stack.gait.state.command.moves != present
+
+
 def test_stop_ends_a_plan(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.go(2.0)
