@@ -34,7 +34,7 @@ _LOOK = 1.0  #: How long it looks before it asks for a way around [s]
 _DETOURS = 5  #: Ways around that are tried for a goal
 _AROUND = "around"  #: Parameter
 _WARNED = 10.0  #: Between two warnings of the same kind [s]
-_UNSEEN = "no map of the ground younger than 1 s: the robot walks without one; see terrain_mapper and its clouds"
+_UNSEEN = "no recent map of the ground: the robot walks without one; see terrain_mapper and its clouds"
 _UNANSWERED = f"no answer of the ground planner for {_PATIENCE:g} s: the robot walks without a map meanwhile"
 
 

@@ -84,14 +84,14 @@ class GroundPlanner:
     def _plan_along(
         self, ground: Heights, query: GroundQuery, line: Foothold, least: float = -math.inf
     ) -> tuple[GroundPlan, float]:
-        """A plan along a line, and the way of its leading foot there [m]; none where no sole lies beyond ``least``."""
+        """A plan along a line, and the way of its leading foot [m]; none where no sole lies as far as ``least``."""
         at = np.array([(*line.relative(sole.x, sole.y), sole.z) for sole in query.feet])
         count = max(math.ceil((query.distance - float(at[:, 0].min())) / GRID[0]), 0) + 1
         ways: Vector = np.asarray(query.distance - GRID[0] * np.arange(count)[::-1], dtype=np.float64)
         half = round(_ASIDE / GRID[1])
         sides: Vector = np.asarray(GRID[1] * np.arange(-half, half + 1), dtype=np.float64)
         places = Places(ways, sides, self._ground.survey(ground, line, ways, sides))
-        if places.farthest <= least:
+        if places.farthest < least:
             return GroundPlan([], ""), -math.inf
         known = bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in query.feet]))).any())
         found = self._search.steps(places, at, query.foot, known=known, distance=query.distance)

@@ -26,7 +26,16 @@ _SAME = 0.01  #: Difference of height between neighbours of a lattice on the sam
 _HIGHER = 0.03  #: Above the plane of a sole from which on ground is higher [m]
 _WALL = 0.08  #: Distance ahead or behind of a leg from which on higher ground does not matter [m]
 
-_Line = tuple[float, float, float, float]  #: x and y of the start in W [m], cosine and sine of the heading
+
+class _Lattice(NamedTuple):
+    """Places along and across a line on a grid of heights, for compiled code."""
+
+    heights: Matrix  #: See ``Heights``
+    corner: tuple[float, float]
+    cell: float
+    line: tuple[float, float, float, float]  #: x and y of the start in W [m], cosine and sine of the heading
+    ways: Vector  #: Along it (n,) [m]
+    sides: Vector  #: Across it, left positive (m,) [m]
 
 
 class Survey(NamedTuple):
@@ -68,13 +77,13 @@ class SoleSurvey:
         beyond = GRID[0] * np.arange(1, more + 1)
         longer = np.concatenate([ways[0] - beyond[::-1], ways, ways[-1] + beyond])
         heading = line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)
-        at = ground.values, ground.corner, ground.cell, heading, longer, sides
-        fits, planes, bounds = _fit_planes(*at, self.points, self._inverse, (_FLAT, _ROUGH))
+        grid = _Lattice(*ground, heading, longer, sides)
+        fits, planes, bounds = _fit_planes(grid, self.points, self._inverse, (_FLAT, _ROUGH))
         height = planes[..., 2]
-        wall = _walls(*at, self._leg, self._across, fits, planes)
+        wall = _walls(grid, self._leg, self._across, fits, planes)
         fits[wall > 1.0] = 0
         room = _rooms(fits, height, (more, round(_ROOM[1] / GRID[1])), _SAME) * np.repeat(GRID, 2)
-        top = _tops(*at, self._across)
+        top = _tops(grid, self._across)
         layers = fits, height, planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room, wall, top
         return Survey(*(np.ascontiguousarray(layer[more:-more]) for layer in layers))
 
@@ -85,37 +94,22 @@ class SoleSurvey:
 
 
 @njit(cache=True, forceinline=True)
-def _height_at(
-    heights: Matrix,
-    corner: tuple[float, float],
-    cell: float,
-    line: _Line,
-    along: float,
-    across: float,
-) -> float:
-    """Height at a place along and across a line; nan where it is not known."""
-    x0, y0, c, s = line
-    x = math.floor((x0 + c * along - s * across - corner[0]) / cell)
-    y = math.floor((y0 + s * along + c * across - corner[1]) / cell)
+def _height_at(grid: _Lattice, along: float, across: float) -> float:
+    """Height at a place along and across the line; nan where it is not known."""
+    heights, (x_min, y_min), (x0, y0, c, s) = grid.heights, grid.corner, grid.line
+    x = math.floor((x0 + c * along - s * across - x_min) / grid.cell)
+    y = math.floor((y0 + s * along + c * across - y_min) / grid.cell)
     return float(heights[x, y]) if 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1] else math.nan
 
 
 @njit(cache=True)
-def _tops(
-    heights: Matrix,
-    corner: tuple[float, float],
-    cell: float,
-    line: _Line,
-    ways: Vector,
-    sides: Vector,
-    points: Vector,
-) -> Matrix:
+def _tops(grid: _Lattice, points: Vector) -> Matrix:
     """Highest known ground across the line at points beside each place (k,) [m]; -inf where none is known."""
-    top = np.full((len(ways), len(sides)), -np.inf)
-    for i in range(len(ways)):
-        for j in range(len(sides)):
+    top = np.full((len(grid.ways), len(grid.sides)), -np.inf)
+    for i in range(len(grid.ways)):
+        for j in range(len(grid.sides)):
             for beside in points:
-                height = _height_at(heights, corner, cell, line, ways[i], sides[j] + beside)
+                height = _height_at(grid, grid.ways[i], grid.sides[j] + beside)
                 if height > top[i, j]:
                     top[i, j] = height
     return top
@@ -123,24 +117,19 @@ def _tops(
 
 @njit(cache=True)
 def _fit_planes(
-    heights: Matrix,
-    corner: tuple[float, float],
-    cell: float,
-    line: _Line,
-    ways: Vector,
-    sides: Vector,
+    grid: _Lattice,
     points: Matrix,
     inverse: Matrix,
     flat: tuple[float, float],
 ) -> tuple[NDArray[np.int8], Matrix, Matrix]:
     """Planes through the ground at points (k, 2) around each place; see ``Survey``."""
-    shape, found = (len(ways), len(sides)), np.empty(len(points))
+    shape, found = (len(grid.ways), len(grid.sides)), np.empty(len(points))
     fits, planes, bounds = np.zeros(shape, np.int8), np.zeros((*shape, 3)), np.empty((*shape, 2))
     for i in range(shape[0]):
         for j in range(shape[1]):
             known, low, high = True, np.inf, -np.inf
             for k in range(len(points)):
-                found[k] = _height_at(heights, corner, cell, line, ways[i] + points[k, 0], sides[j] + points[k, 1])
+                found[k] = _height_at(grid, grid.ways[i] + points[k, 0], grid.sides[j] + points[k, 1])
                 if math.isnan(found[k]):
                     known = False
                 else:
@@ -196,12 +185,7 @@ def _rooms(fits: NDArray[np.int8], height: Matrix, steps: tuple[int, int], same:
 
 @njit(cache=True)
 def _walls(
-    heights: Matrix,
-    corner: tuple[float, float],
-    cell: float,
-    line: _Line,
-    ways: Vector,
-    sides: Vector,
+    grid: _Lattice,
     leg: Matrix,
     across: Vector,
     fits: NDArray[np.int8],
@@ -213,8 +197,8 @@ def _walls(
     """
     wall = np.zeros(fits.shape)
     nearest, farthest = leg[0], leg[-1] + np.array((-_WALL, _WALL))
-    for i in range(len(ways)):
-        for j in range(len(sides)):
+    for i in range(len(grid.ways)):
+        for j in range(len(grid.sides)):
             if fits[i, j] <= 0:
                 continue
             for k in range(-1, len(across)):
@@ -222,8 +206,8 @@ def _walls(
                 for side, sign in ((0, -1.0), (1, 1.0)):
                     ahead = nearest[side]
                     while sign * (farthest[side] - ahead) > 0.0:
-                        ahead += sign * 0.5 * cell
-                        above = _height_at(heights, corner, cell, line, ways[i] + ahead, sides[j] + beside)
+                        ahead += sign * 0.5 * grid.cell
+                        above = _height_at(grid, grid.ways[i] + ahead, grid.sides[j] + beside)
                         above -= planes[i, j, 2] + planes[i, j, 0] * ahead + planes[i, j, 1] * beside
                         if above > _HIGHER:
                             share = 1.0 - sign * (ahead - leg[layer_at(above, len(leg)), side]) / _WALL

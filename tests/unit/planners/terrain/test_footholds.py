@@ -155,6 +155,14 @@ def test_near_the_feet_unknown_ground_is_felt_and_beyond_what_is_seen_it_ends_th
     assert why == "the ground ahead is not known" and steps[-1].hold.x + X_MAX < 1.0
 
 
+def test_where_nothing_at_all_is_known_a_plan_says_so(robot: RobotModel) -> None:
+    gait = load_gait_config(robot)
+    dark = Heights(np.full((150, 150), np.nan), (-1.5, -1.5), 0.02)
+    steps, reason = GroundPlanner(robot, gait).plan(dark, GroundQuery(START, 2.0, soles_at(START, gait.reach.width)))
+    assert reason == "the ground ahead is not known"
+    assert steps and all(step.tread is None for step in steps)  # felt
+
+
 def test_no_step_is_felt_towards_a_wall(mapper: TerrainMapper) -> None:
     steps, why = plan_on(mapper, lambda x, _: 0.3 if x > 0.55 else math.nan)
     assert "higher" in why and all(step.hold.x + X_MAX < 0.55 for step in steps)
