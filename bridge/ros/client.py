@@ -131,6 +131,15 @@ class Client:
         return "" if self.status is None else "; ".join(self.status.holds)
 
     @property
+    def obstacle(self) -> str:
+        """How an obstacle limits the walk; empty while none does."""
+        return "" if self.status is None else self.status.obstacle
+
+    def knows_mode(self) -> bool:
+        """Whether the status is that of the present mode: either may be received first."""
+        return self.status is not None and self.status.mode.value == self.mode
+
+    @property
     def paused(self) -> str:
         """What to do where a simulated robot's time stands still; empty while it advances, and for a real robot."""
         pause = f'ros2 service call {self.namespace}/pause std_srvs/srv/SetBool "{{data: false}}"'

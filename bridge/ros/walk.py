@@ -12,7 +12,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.time import Time
 from std_msgs.msg import Float64
 
-from bridge.ros.client import LIMITING, Client, open_locks
+from bridge.ros.client import LIMITING, Client, next_step, open_locks
 from bridge.ros.environment import ignore, newest
 from bridge.ros.processes import in_namespace
 from controllers.commands.arbitration import NO_SOURCE, PLAIN
@@ -34,6 +34,7 @@ STEP_TIMEOUT = 2.0  #: Longest wait for one footstep, on average, and for the st
 RESET_TIMEOUT = 60.0  #: Longest wait until a robot that was reset stands [s]
 STAND_PERIOD = 2.0  #: Time between two requests to stand after a reset [s]
 STANDSTILL_TIMEOUT = 10.0  #: Longest wait for mode 'stand' after the last velocity [s]
+LATE = 0.3  #: Longest wait for the mode, and its reasons, after the end of a motion or a walk [s]
 SILENCE = 5.0  #: Time without odometry after which a request ends [s]
 
 
@@ -155,8 +156,10 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
     if not routes:
         return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
     clock.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
-    done, obstacle = routes[-1].state is RouteState.DONE, client.status.obstacle if client.status is not None else ""
-    why = f"; {obstacle}" if obstacle and not done else ""
+    done = routes[-1].state is RouteState.DONE
+    if not done:  # what stopped it may be reported later
+        client.wait(lambda: bool(client.obstacle), LATE)
+    why = f"; {client.obstacle}" if client.obstacle and not done else ""
     stood = _stand(client, clock, f"goal {routes[-1]}{why}")
     return CommandReply(stood.accepted and done, stood.reason)
 
@@ -183,8 +186,7 @@ def reset(client: Client) -> CommandReply:
 
 def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
     if client.mode != Mode.WALK.value:
-        why = f"held: {client.holds}" if client.holds else "ended from elsewhere"
-        return CommandReply(False, f"the walk was {why}; mode '{client.mode}'")
+        return CommandReply(False, f"the walk was {_end_of_walk(client)}; mode '{client.mode}'")
     reply = client.trigger("mode/stand")
     if not reply.accepted:
         return reply
@@ -193,8 +195,17 @@ def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
     return CommandReply(False, f"{outcome}, but does not stand {STANDSTILL_TIMEOUT:g} s later: mode '{client.mode}'")
 
 
+def _end_of_walk(client: Client) -> str:
+    """What ended a walk that this client has not ended, and what to do."""
+    client.wait(client.knows_mode, LATE)
+    if client.holds:
+        return f"held: {client.holds}"
+    if client.status is None or client.mode == Mode.STAND.value:
+        return "ended from elsewhere"
+    return "; ".join((f"ended: {', '.join(client.status.faults) or 'from elsewhere'}", next_step(client.status)))
+
+
 PLAN_TIMEOUT = 30.0  #: Longest wait for a plan [s]
-LATE = 0.3  #: Longest wait for the mode, and its reasons, after the end of a motion [s]
 END_TIMEOUT = 10.0  #: Longest wait for the end of the motion after the planned time, in time of the robot [s]
 
 
@@ -237,7 +248,7 @@ def reach(
 
     RobotClock(client).wait(ended, length.sec + 1e-9 * length.nanosec + END_TIMEOUT)
     if client.wait(damped, LATE if ends and ends[0].state is MotionState.ENDED else 0.0):
-        client.wait(lambda: client.status is not None and client.status.mode.value == client.mode, LATE)
+        client.wait(client.knows_mode, LATE)
         why = "; ".join((f"mode '{client.mode}'", *(client.status.faults if client.status else ())))
         return CommandReply(False, f"{answer.message}; ended: {why}")
     done = bool(ends) and ends[0].state is MotionState.DONE
