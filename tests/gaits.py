@@ -3,7 +3,9 @@
 import numpy as np
 from msgspec import structs
 
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
+from models.types import RobotState
 from planners.gait.adjustment import StepPlanner
 from planners.gait.config import GaitConfig
 from planners.gait.contact import Soles
@@ -38,6 +40,16 @@ def in_single_support(model: RobotModel, config: GaitConfig | None = None, *, st
     while planner.phase is not GaitPhase.SINGLE:
         planner.step(standing(model), DT)
     return planner
+
+
+def caught(planner: GaitPlanner) -> RobotState:
+    """A robot that stands still on its stance foot, whose swing foot is pushed away from its reference."""
+    model, foot = planner.model, 1 - planner.stance
+    state = standing(model, planner.state.elapsed, shares=on_one_foot(planner.stance))
+    away = np.array(planner.state.measured.soles[foot].place[:2]) - planner.state.swing.position[:2]
+    push = 2.0 * planner.config.swing.trip_force * model.mass * GRAVITY
+    state.contacts[foot].wrench[:2] = push * away / max(float(np.linalg.norm(away)), 1e-9)
+    return state
 
 
 class Planned:

@@ -33,7 +33,12 @@ class Measurement(Struct, frozen=True):
     cops: Matrix  # in the frame of each sole; without load, that of the last tick with load (2, 2) [m]
     loads: tuple[float, float]  # vertical force on each sole, share of the weight [-]
     active: tuple[bool, bool]  # contact of each foot, by the estimator
-    upright: tuple[bool, bool]  # the force on each sole points more up than aside: from the ground, not from its edges
+    forces: Matrix  # on each sole, in W, share of the weight (2, 3) [-]
+
+    def upright(self, foot: int) -> bool:
+        """Whether the force on a sole points more up than aside: from the ground, not from an edge of it."""
+        x, y, z = self.forces[foot].tolist()
+        return bool(z > 0.0 and z * z >= x * x + y * y)
 
     def dcm(self, omega: float) -> Vector:
         """``xi = c + c' / omega``, horizontal (2,) [m]."""
@@ -107,12 +112,12 @@ class GaitMeasurement:
         if motion is None:
             self._move(state)
             motion = self._unboxed
-        body, tilts, turning = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 2))
+        body, tilts, turning, forces = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 3))
         cops = np.zeros((2, 2)) if last is None else last.cops.copy()
         left, right = state.contacts
         wrenches = left.wrench, right.wrench
-        first, second, loads, upright = _measure(
-            motion, *wrenches, self._weight, areas, slope, self._rims, body, tilts, turning, cops
+        first, second, loads = _measure(
+            motion, *wrenches, self._weight, areas, slope, self._rims, body, tilts, turning, cops, forces
         )
         return Measurement(
             com=body[0],
@@ -123,7 +128,7 @@ class GaitMeasurement:
             cops=cops,
             loads=loads,
             active=(left.active, right.active),
-            upright=upright,
+            forces=forces,
         )
 
     def _move(self, state: RobotState) -> None:
@@ -148,10 +153,12 @@ def _measure(
     tilts: Matrix,
     turning: Matrix,
     cops: Matrix,
-) -> tuple[Place, Place, Point, tuple[bool, bool]]:
-    """Place of each sole, its load as a share of the ``weight`` [N], and ``upright`` of ``Measurement``.
+    forces: Matrix,
+) -> tuple[Place, Place, Point]:
+    """Place of each sole, and its load as a share of the ``weight`` [N].
 
-    Fills the fields ``tilts``, ``turning`` and ``cops`` of ``Measurement``, and CoM and its velocity ``body`` (2, 3).
+    Fills the fields ``tilts``, ``turning``, ``cops`` and ``forces`` of ``Measurement``, and CoM and its velocity
+    ``body`` (2, 3).
     """
     com, velocity, poses, twists = motion.record
     rims = constants.record
@@ -161,6 +168,8 @@ def _measure(
     for foot in range(2):
         pose, wrench = poses[foot], left if foot == 0 else right
         upright = max(pose[2, 2], _UPRIGHT_MIN)
+        for i in range(3):
+            forces[foot, i] = (pose[i, 0] * wrench[0] + pose[i, 1] * wrench[1] + pose[i, 2] * wrench[2]) / weight
         for i in range(2):
             tilts[foot, i] = -pose[i, 2] / upright
             turning[foot, i] = twists[foot, 3 + i]
@@ -176,18 +185,7 @@ def _measure(
             tilts[foot, 1] += math.sin(yaw) * along + math.cos(yaw) * across
         if wrench[2] / weight > _LOADED:
             cops[foot, 0], cops[foot, 1] = -wrench[4] / wrench[2], wrench[3] / wrench[2]
-    loads, from_below = (left[2] / weight, right[2] / weight), (_upright(poses[0], left), _upright(poses[1], right))
-    return _place(poses[0], pivots[0]), _place(poses[1], pivots[1]), loads, from_below
-
-
-@register_jitable
-def _upright(pose: Matrix, wrench: Vector) -> bool:
-    """Whether the force on a sole with this pose is within 45 degrees of the vertical."""
-    square, up = 0.0, 0.0
-    for i in range(3):
-        up += pose[2, i] * wrench[i]
-        square += wrench[i] * wrench[i]
-    return bool(up > 0.0 and 2.0 * up * up >= square)
+    return _place(poses[0], pivots[0]), _place(poses[1], pivots[1]), (left[2] / weight, right[2] / weight)
 
 
 @register_jitable

@@ -85,11 +85,11 @@ class SingleSupport:
         height = max(level, min(gait.swing.edge, level + config.ground.rough_max))
         pose = np.array([target.x, target.y, height, yaw + wrap(target.yaw - yaw)])
         swing = gait.swing
-        if not urgent:  # the lag of an urgent foot would count as a trip
-            swing = self._swing.detect_trip(swing, sole, elapsed, gait.step.time, dt)
-            if swing.trips > gait.swing.trips:
-                before, gait.soles = gait.soles.roughness, self._soles.tripped(gait.soles)
-                swing = structs.replace(swing, clearance=swing.clearance + gait.soles.roughness - before)
+        if not measured.upright(foot):  # ground that bears the foot does not catch it
+            swing = self._swing.detect_trip(swing, sole, measured.forces[foot], elapsed, gait.step.time)
+        if swing.trips > gait.swing.trips:
+            before, gait.soles = gait.soles.roughness, self._soles.tripped(gait.soles)
+            swing = structs.replace(swing, clearance=swing.clearance + gait.soles.roughness - before)
         # The foot of an urgent step lags behind its reference; a late landing is worse than an early one.
         lead = config.swing.urgent_lead if urgent else 0.0
         duration = gait.step.time - lead
@@ -101,7 +101,7 @@ class SingleSupport:
     def lands(self, gait: GaitState) -> bool:
         """Whether ground under the swing foot bears load, ``landing_from`` of the step after it left the floor."""
         foot, least = 1 - gait.stance, self._config.timing.landing_from * gait.step.time
-        return gait.measured.active[foot] and gait.measured.upright[foot] and gait.elapsed > least
+        return gait.measured.active[foot] and gait.measured.upright(foot) and gait.elapsed > least
 
     def reference(self, gait: GaitState) -> tuple[DcmState, Vector]:
         """DCM reference of the rest of the swing, and present CMP minus CoP (2,) [m].
@@ -118,7 +118,7 @@ class SingleSupport:
 
     def compile_rest(self, gait: GaitState) -> None:
         """Compile the kernels that the first step does not call."""
-        self._swing.detect_trip(gait.swing, gait.step.liftoff, 0.0, 1.0, 1.0)
+        self._swing.detect_trip(gait.swing, gait.step.liftoff, np.zeros(3), 0.0, 1.0)
         self.plan.height_at_touchdown(walk_of(gait, gait.step.liftoff))
 
     def _adjust(self, gait: GaitState, elapsed: float) -> None:

@@ -15,7 +15,7 @@ from models.spline import quintic_step
 from models.types import Matrix, Vector
 from planners.gait.config import SwingConfig
 from planners.gait.footing import FLAT, ToeOff, turned_about
-from planners.gait.footsteps import Foothold, Point
+from planners.gait.footsteps import Foothold, Place, Point
 from planners.gait.tread import SwingShares, clearance_over, swing_shares
 
 X, Y, Z, YAW = range(4)
@@ -62,15 +62,9 @@ class SwingLimits(NamedTuple):
     depth_max: float  # [m]
     tilt_time: float  # [s]
     trip_lag: float  # [m]
-    trip_speed: float  # [-]
-    trip_filter: float  # [s]
+    trip_force: float  # [-]
     trip_time: float  # [s]
     trip_back: float  # [m]
-
-
-#: Measured motion of the swing foot, by which a trip is detected: place in W, and that one tick earlier [m], speed,
-#: filtered [m/s], and ``rising_until`` of ``SwingState`` [s]
-FootTrack = tuple[Point, Point, Point, float]
 
 
 class SwingState(Struct, frozen=True):
@@ -87,8 +81,6 @@ class SwingState(Struct, frozen=True):
     rise: float = 0.0  # known height of the target above that at lift-off [m]
     trips: int = 0  # detected so far
     rising_until: float = 0.0  # time since lift-off until which the foot only rises [s]
-    place: Point | None = None  # measured at the last tick, in W [m]; None at lift-off
-    speed: Point = (0.0, 0.0)  # measured velocity, filtered [m/s]
     edge: float = -math.inf  # height of the foot as it tripped: what caught it is at least as high [m]
 
     @property
@@ -153,9 +145,10 @@ class SwingFoot:
     go to a corner, ``via``, and through it. To a foothold of another known height the foot goes over the edge between:
     ``swing_shares``.
 
-    A foot that stays behind its reference and hardly moves has tripped, over the edge of a tile for instance. The
-    harder it is pushed on, the faster friction holds it. Its reference goes back to ``trip_back`` behind the measured
-    place, and before the planned touchdown it only rises for ``trip_time``.
+    A foot that stays away from its reference and is pushed away from it has tripped, over the edge of a tile for
+    instance: the force tells it from one that only lags. The harder it is pushed on, the faster friction holds it. Its
+    reference goes back to ``trip_back`` beyond the measured place, and before the planned touchdown it only rises for
+    ``trip_time``.
     """
 
     def __init__(self, config: SwingConfig) -> None:
@@ -201,20 +194,18 @@ class SwingFoot:
             motion[2, :Z] -= braking
         return SwingState(motion, float(pose[Z]), clearance, duration, start, braking, tilt, shares, rise, trips)
 
-    def detect_trip(self, swing: SwingState, sole: Foothold, elapsed: float, duration: float, dt: float) -> SwingState:
-        """Draw back from the measured place of the sole when the foot has tripped; times in [s]."""
-        motion, place = swing.motion.copy(), (sole.x, sole.y)
-        track = place, swing.place or place, swing.speed, swing.rising_until
-        tripped, rising_until, speed = _draw_back_tripped(self._limits, motion, track, elapsed, duration, dt)
-        return structs.replace(
-            swing,
-            motion=motion,
-            trips=swing.trips + tripped,
-            rising_until=rising_until,
-            place=place,
-            speed=speed,
-            edge=sole.z if tripped else swing.edge,
-        )
+    def detect_trip(
+        self, swing: SwingState, sole: Foothold, force: Vector, elapsed: float, duration: float
+    ) -> SwingState:
+        """Draw back from the measured place of the sole when the foot has tripped; times in [s].
+
+        ``force`` is that of the ground on the sole in W, share of the weight (3,) [-].
+        """
+        limits, motion = self._limits, swing.motion.copy()
+        tripped, until = _draw_back_tripped(limits, motion, sole.place, force, swing.rising_until, elapsed, duration)
+        if not tripped:
+            return swing
+        return structs.replace(swing, motion=motion, trips=swing.trips + 1, rising_until=until, edge=sole.z)
 
     def step(
         self,
@@ -276,27 +267,30 @@ def _braking(start: Point, target: Sequence[float], duration: float, effort: flo
 
 @njit(cache=True)
 def _draw_back_tripped(
-    constants: Unboxed[SwingLimits], motion: Matrix, track: FootTrack, elapsed: float, duration: float, dt: float
-) -> tuple[bool, float, Point]:
+    constants: Unboxed[SwingLimits],
+    motion: Matrix,
+    place: Place,
+    force: Vector,
+    rising_until: float,
+    elapsed: float,
+    duration: float,
+) -> tuple[bool, float]:
     """Draw the motion (3, 4) back from the measured place when the foot has tripped.
 
-    Returns whether it has, and the new ``rising_until`` [s] and speed [m/s] of the track.
+    Returns whether it has, and the new ``rising_until`` of ``SwingState`` [s].
     """
-    limits, ((x, y), (last_x, last_y), (vx, vy), rising_until) = constants.record, track
-    share = min(dt / limits.trip_filter, 1.0)
-    vx, vy = vx + share * ((x - last_x) / dt - vx), vy + share * ((y - last_y) / dt - vy)
-    planned_x, planned_y = motion[1, X], motion[1, Y]
-    planned = math.hypot(planned_x, planned_y)
-    stuck = vx * planned_x + vy * planned_y < limits.trip_speed * planned * planned
-    lag = math.hypot(motion[0, X] - x, motion[0, Y] - y)
-    tripped = lag >= limits.trip_lag and stuck and elapsed >= min(rising_until, duration)
+    limits = constants.record
+    ahead_x, ahead_y = motion[0, X] - place[0], motion[0, Y] - place[1]
+    lag, work = math.hypot(ahead_x, ahead_y), -force[0] * ahead_x - force[1] * ahead_y
+    held = lag >= limits.trip_lag and work >= limits.trip_force * lag
+    tripped = held and elapsed >= min(rising_until, duration)
     if tripped:
-        back = limits.trip_back / max(planned, 1e-6)
-        motion[0, X], motion[0, Y] = x - back * planned_x, y - back * planned_y
+        back = limits.trip_back / lag
+        motion[0, X], motion[0, Y] = place[0] - back * ahead_x, place[1] - back * ahead_y
         motion[1:, :Z] = 0.0
         if elapsed < duration:
             rising_until = elapsed + limits.trip_time
-    return tripped, rising_until, (vx, vy)
+    return tripped, rising_until
 
 
 @njit(cache=True)

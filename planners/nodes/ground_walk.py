@@ -7,6 +7,7 @@ from collections.abc import Callable
 from enum import Enum, auto
 from typing import Any
 
+from msgspec import structs
 from std_msgs.msg import UInt8MultiArray
 
 from models.errors import PoiseError
@@ -23,11 +24,12 @@ from planners.terrain.footholds import GroundQuery
 from planners.terrain.ground_route import Answer, GroundRoute, Request
 
 _AHEAD = 0.6  #: How far ahead of the feet the ground is watched at least [m]
+_BESIDE = 0.4  #: The same to the sides and behind [m]
 _TIME = 1.0  #: And how far in time, at the commanded velocity [s]
 _PATIENCE = 1.0  #: Longest wait for the answer whether the ground is level; then the robot walks blind [s]
 _TURNED = 0.1  #: Heading from the line of a plan that the robot turns by first [rad]
 _FACING = 0.05  #: Heading from that of the goal that it turns by at the end [rad]
-_SLOW = 0.02  #: Forward velocity up to which nothing is watched [m/s]
+_SLOW = 0.02  #: Speed up to which nothing is watched [m/s]
 _ENDLESS = 20.0  #: Length of the line of a velocity [m]
 _NEAR = 0.1  #: Distance from a goal up to which the ground is watched ahead, not towards it [m]
 _LOOK = 1.0  #: How long it looks before it asks for a way around [s]
@@ -56,13 +58,26 @@ def declare_around(node: PoiseNode) -> None:
     node.declare_parameter(_AROUND, False, describe(text, read_only=False))
 
 
+def _speed(velocity: Velocity) -> float:
+    return math.hypot(*velocity[:2])
+
+
+def _direction(velocity: Velocity) -> str:
+    """Where a velocity leads, from the robot; empty for ahead."""
+    x, y, _ = velocity
+    if abs(y) > abs(x):
+        return "to the left" if y > 0.0 else "to the right"
+    return "behind" if x < 0.0 else ""
+
+
 class GroundWalk:
-    """Watches the ground ahead of a goal or a forward velocity, and walks on plans where it is not level.
+    """Watches the ground on the way to a goal or of a velocity, and walks on plans where it is not level.
 
     Without a ground planner, or a map, the gait walks as if this were not there. Else the ground planner is asked at
     every touchdown whether the next ``_AHEAD`` are level. Where they are not, the robot stops, turns to the goal, and
-    follows ``GroundRoute``; with the parameter ``around`` it walks to a goal over level ground beside what stands in
-    the way. ``report`` gets the reason for which it stands and cannot go on, empty afterwards.
+    follows ``GroundRoute``; at a velocity to the side or back it stays. With the parameter ``around`` it walks to a
+    goal over level ground beside what stands in the way. ``report`` gets the reason for which it stands and cannot go
+    on, empty when it is to stop or to go another way.
 
     Attributes:
         outcome: Of the last goal: ``done``, or why it was not reached; empty where the gait's own route says so.
@@ -112,16 +127,17 @@ class GroundWalk:
         """The part of a commanded velocity that the gait may walk at: none where plans take over."""
         if velocity != STILL and self._goal is not None:
             self.cancel("a velocity was commanded")
+        stopped, moves = self._stage in (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED), _speed(velocity) > _SLOW
         if self._goal is not None or velocity == self._velocity:
-            return STILL if self._stage in (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED) else velocity
-        if self._stage in (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED):
-            if velocity[0] > _SLOW and self._stage is not _Stage.BLOCKED:
-                self._velocity = velocity
-                return STILL
+            return STILL if stopped else velocity
+        if stopped and moves and _direction(velocity) == _direction(self._velocity):
+            self._velocity = velocity
+            return STILL
+        if stopped:
             self._stack.stop()
         self.cancel("")
         self._velocity, self._steps = velocity, -1
-        if velocity[0] > _SLOW:
+        if moves:
             self._stage = _Stage.BLIND
         return velocity
 
@@ -154,11 +170,13 @@ class GroundWalk:
                     self._finish(law.route.outcome)
 
     def _watch(self, stage: _Stage) -> None:
-        """Ask whether the ground ahead is level."""
+        """Ask whether the ground on the way is level."""
         self._stage, self._steps, self._asked = stage, self._law.steps, self._t
         feet, here = self._law.footholds, middle(self._law.footholds)
-        far = _AHEAD + _TIME * self._velocity[0]
-        line = here
+        line, far = here, _AHEAD + _TIME * _speed(self._velocity)
+        if _direction(self._velocity):
+            x, y, _ = self._velocity
+            line, far = structs.replace(here, yaw=here.yaw + math.atan2(y, x)), far - _AHEAD + _BESIDE
         if (goal := self._target) is not None:
             ahead, way = self._way_to(goal)
             line, far = ahead if way > _NEAR else here, min(far, way)
@@ -213,6 +231,9 @@ class GroundWalk:
         """It stands: turn to the goal, or follow plans along a line from here."""
         here, self._poses = middle(self._law.footholds), []
         if self._goal is None:
+            if direction := _direction(self._velocity):
+                self._block(f"the ground {direction} is not level: turn to it, such ground is walked over ahead only")
+                return
             self._stage = _Stage.ROUTE
             self._route.begin(here, _ENDLESS)
             return
@@ -265,14 +286,17 @@ class GroundWalk:
         if route.active or self._law.route.left or not self._law.settled:
             return
         if goal is None:
-            self._stage = _Stage.BLIND if route.outcome == "level" else _Stage.BLOCKED
-            self._steps = -1
-            if self._stage is _Stage.BLOCKED:
-                self._report(route.outcome)
+            self._stage, self._steps = _Stage.BLIND, -1
+            if route.outcome != "level":
+                self._block(route.outcome)
         elif route.outcome == "done" and abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > _FACING:
             self._walk_to(goal, _Stage.LAST)
         else:
             self._finish(route.outcome)
+
+    def _block(self, reason: str) -> None:
+        self._stage = _Stage.BLOCKED
+        self._report(reason)
 
     def _finish(self, outcome: str) -> None:
         self._stage, self._goal, self._poses, self.outcome = _Stage.IDLE, None, [], outcome

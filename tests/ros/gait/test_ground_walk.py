@@ -18,6 +18,7 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
 from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
 from models.status import GaitStatus, RouteState, RouteStatus
+from models.types import Velocity
 from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle, side_of
 from planners.gait.route import Footstep, soles_at
 from planners.gait.tread import Tread
@@ -42,7 +43,7 @@ class Guided(StandingGait):
         self.requests: list[Request] = []
         self.routes: list[RouteStatus] = []
         self.limits: list[str] = []
-        self.repeated: float | None = None
+        self.repeated: Velocity | None = None
         super().__init__(bench, g1)
         self.mode = world.create_publisher(String, topics.MODE, LATCHED)
         self.goal = world.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
@@ -80,7 +81,7 @@ class Guided(StandingGait):
             if condition():
                 return
             if self.repeated is not None:  # as the supervisor does
-                self.velocity.publish(velocity_to_twist((self.repeated, 0.0, 0.0)))
+                self.velocity.publish(velocity_to_twist(self.repeated))
             self.tick(10)
             self.bench.spin(0.002)
         raise AssertionError("it did not happen in time")
@@ -99,10 +100,10 @@ class Guided(StandingGait):
         self.goal.publish(pose_message(Foothold(x, 0.0, 0.0), topics.ODOM_FRAME))
         self.bench.wait(lambda: self.routes)
 
-    def drive(self, forward: float) -> None:
-        self.repeated = forward
-        self.velocity.publish(velocity_to_twist((forward, 0.0, 0.0)))
-        self.bench.wait(lambda: self.node._command.velocity[0] == forward)
+    def drive(self, forward: float, left: float = 0.0) -> None:
+        self.repeated = forward, left, 0.0
+        self.velocity.publish(velocity_to_twist(self.repeated))
+        self.bench.wait(lambda: self.node._command.velocity[:2] == (forward, left))
 
 
 def steps(x: float) -> tuple[Footstep, ...]:
@@ -198,7 +199,7 @@ def test_where_nothing_is_to_be_passed_it_follows_plans(bench: Any, g1: RobotMod
     assert not request.around and not request.watch
 
 
-def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_changes(bench: Any, g1: RobotModel) -> None:
+def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_ends(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.drive(0.3)
     request = robot.ask()
@@ -211,6 +212,7 @@ def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_changes(bench:
     robot.until(lambda: [request for request in robot.requests if not request.watch])
     robot.send(Answer(robot.requests[-1].number, (), WALL))
     robot.until(lambda: robot.limits and robot.limits[-1] == f"stopped: {WALL}")
+    robot.drive(0.25, 0.1)  # as a stick that is held does
     robot.tick(1)
     assert not robot.stack.gait.state.command.moves
     robot.drive(0.0)
@@ -218,6 +220,29 @@ def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_changes(bench:
     robot.drive(0.2)
     robot.tick(1)
     assert robot.stack.gait.state.command.moves
+
+
+@pytest.mark.parametrize(
+    ("velocity", "bearing", "where"),
+    [((0.0, 0.2), 90.0, "to the left"), ((0.0, -0.2), -90.0, "to the right"), ((-0.2, 0.0), 180.0, "behind")],
+)
+def test_beside_and_behind_the_robot_stays_on_level_ground(
+    bench: Any, g1: RobotModel, velocity: tuple[float, float], bearing: float, where: str
+) -> None:
+    robot = Guided(bench, g1)
+    robot.drive(*velocity)
+    request = robot.ask()
+    assert request.watch and request.query.distance == pytest.approx(0.6, abs=0.01)
+    assert request.query.line.yaw == pytest.approx(math.radians(bearing))
+    assert robot.stack.gait.state.command.moves
+    robot.send(Answer(request.number))
+    robot.stack.gait.reset(robot.state)  # it has stopped
+    robot.until(lambda: robot.limits and robot.limits[-1].startswith(f"stopped: the ground {where} is not level"))
+    robot.tick(1)
+    assert not robot.stack.gait.state.command.moves
+    assert not [request for request in robot.requests if not request.watch]
+    robot.drive(0.2)
+    robot.until(lambda: robot.limits[-1] == "" and robot.stack.gait.state.command.moves)
 
 
 @pytest.mark.parametrize("present", [True, False])

@@ -9,7 +9,7 @@ import pytest
 from models.robot_model import RobotModel
 from planners.gait import dcm
 from planners.gait.state import GaitPhase
-from tests.gaits import DT, in_single_support, on_one_foot
+from tests.gaits import DT, caught, in_single_support, on_one_foot
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 from tests.support import standing
 
@@ -135,7 +135,7 @@ def test_a_late_foot_follows_the_dcm_without_a_jump(g1: RobotModel) -> None:
 def test_a_foot_that_stays_caught_is_late_after_the_longest_step(g1: RobotModel) -> None:
     planner = in_single_support(g1)
     while planner.state.elapsed < planner.state.step.time:
-        planner.step(standing(g1, planner.state.elapsed, shares=on_one_foot(planner.stance)), DT)
+        planner.step(caught(planner), DT)
     assert planner.trips > 1
     assert planner.state.elapsed < planner.config.timing.single_max + 2 * DT
 

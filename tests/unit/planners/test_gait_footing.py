@@ -48,9 +48,8 @@ def measured(turning: tuple[float, float], cop: tuple[float, float], load: float
     """The left sole turns about its x and y [rad/s], its CoP at an edge [m]; the right one lies still."""
     flat, sole = np.zeros(3), Foothold(0.0, 0.0, 0.0)
     turnings, cops = np.array([turning, (0.0, 0.0)]), np.array([cop, (0.0, 0.0)])
-    return Measurement(
-        flat, flat, (sole, sole), np.zeros((2, 2)), turnings, cops, (load, 0.4), (True, True), (True, True)
-    )
+    forces = np.array([(0.0, 0.0, load), (0.0, 0.0, 0.4)])
+    return Measurement(flat, flat, (sole, sole), np.zeros((2, 2)), turnings, cops, (load, 0.4), (True, True), forces)
 
 
 @pytest.fixture

@@ -12,8 +12,9 @@ from planners.gait.contact import Soles, SoleState
 from planners.gait.footsteps import Foothold
 from planners.gait.measurement import Measurement
 from planners.gait.route import Footstep
+from planners.gait.state import GaitPhase
 from planners.gait.tread import Tread
-from tests.gaits import DT, in_single_support
+from tests.gaits import DT, caught, in_single_support
 from tests.support import standing
 
 CONFIG = default_config(GaitConfig, "planners", "gait")
@@ -27,7 +28,8 @@ def measured(
 ) -> Measurement:
     still, flat = np.zeros((2, 2)), np.zeros(3)
     soles = Foothold(0.0, 0.1, 0.0, left_z), Foothold(0.0, -0.1, 0.0, right_z)
-    return Measurement(flat, flat, soles, np.array([tilt, tilt]), still, still, loads, (True, True), (True, True))
+    forces = np.array([(0.0, 0.0, load) for load in loads])
+    return Measurement(flat, flat, soles, np.array([tilt, tilt]), still, still, loads, (True, True), forces)
 
 
 @pytest.fixture(scope="module")
@@ -90,11 +92,24 @@ def test_a_foot_that_is_caught_goes_higher_at_once_and_so_do_the_next(g1: RobotM
     planner = in_single_support(g1)
     lifted, level = planner.state.swing.clearance, planner.state.pace.clearance
     while planner.trips == 0:
-        planner.step(standing(g1), DT)  # the foot stays where it was
+        planner.step(caught(planner), DT)
     trip = CONFIG.ground.rough_trip
     assert planner.state.swing.clearance == pytest.approx(lifted + trip)
     planner.step(standing(g1), DT)
     assert planner.state.pace.clearance == pytest.approx(level + trip, abs=0.002)
+
+
+@pytest.mark.parametrize(("aside", "up"), [(0.0, 0.0), (1.0, 1.1)])
+def test_a_foot_that_only_lags_or_has_ground_under_it_has_not_tripped(g1: RobotModel, aside: float, up: float) -> None:
+    """In shares of the force of a foot that is caught."""
+    planner = in_single_support(g1)
+    while planner.state.elapsed < 0.4 * planner.state.step.time:
+        state = caught(planner)
+        force = state.contacts[1 - planner.stance].wrench
+        force[2] = up * np.linalg.norm(force[:2])
+        force[:2] *= aside
+        planner.step(state, DT)
+    assert planner.trips == 0 and planner.phase is GaitPhase.SINGLE
 
 
 def test_a_foot_is_expected_to_land_in_the_slope_of_the_last_soles(law: Soles, soles: SoleState) -> None:

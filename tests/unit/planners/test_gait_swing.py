@@ -88,8 +88,8 @@ def at_place(x: float, y: float) -> Foothold:
     return Foothold(float(x), float(y), 0.0, 0.02)
 
 
-def tripped(at: float, lag: float, pace: float = 0.0) -> tuple[SwingState, float]:
-    """A foot that stops, or goes on at a share of its pace, ``lag`` behind its reference, and is checked at a time.
+def tripped(at: float, lag: float, force: float = 2.0) -> tuple[SwingState, float]:
+    """A foot ``lag`` behind its reference, pushed back by a multiple of the force of a trip, is checked at a time.
 
     Returns:
         The foot and its height then.
@@ -97,28 +97,26 @@ def tripped(at: float, lag: float, pace: float = 0.0) -> tuple[SwingState, float
     foot = FOOT.lift(START, CLEARANCE, DURATION, LEVEL)
     for i in range(round(at / DT)):
         foot = FOOT.step(foot, TARGET, LEVEL, (i + 1) * DT, DURATION, DT)
-    place, ticks, speed = foot.position[:2].copy(), round(6 * CONFIG.trip_filter / DT), pace * foot.velocity[0]
-    for i in range(ticks):  # its recent motion, close enough to its reference
-        foot = FOOT.detect_trip(foot, at_place(place[0] - speed * (ticks - 1 - i) * DT, place[1]), at, DURATION, DT)
-    assert foot.trips == 0
-    foot = foot.shifted(lag, 0.0)
-    return FOOT.detect_trip(foot, at_place(*place), at, DURATION, DT), float(foot.position[2])
+    place = at_place(foot.position[0] - lag, foot.position[1])
+    push = np.array([-force * CONFIG.trip_force, 0.0, 0.0])
+    return FOOT.detect_trip(foot, place, push, at, DURATION), float(foot.position[2])
 
 
 def test_a_foot_that_trips_gives_way_and_only_rises_for_a_while() -> None:
     at = 0.08
+    lag = 1.1 * CONFIG.trip_lag
     free, height = tripped(at, 0.0)
-    foot, _ = tripped(at, 1.1 * CONFIG.trip_lag)
+    foot, _ = tripped(at, lag)
     assert (free.trips, foot.trips) == (0, 1)
     assert free.edge == -np.inf and foot.edge == 0.02
     place = float(foot.position[0])
-    assert np.hypot(*(foot.position[:2] - free.position[:2])) == pytest.approx(CONFIG.trip_back)
-    assert place < float(free.position[0]) and foot.velocity[0] == 0.0
+    assert free.position[:2] - foot.position[:2] == pytest.approx([lag + CONFIG.trip_back, 0.0])
+    assert foot.velocity[0] == 0.0
     elapsed = at
     while elapsed < at + CONFIG.trip_time - 2 * DT:
         elapsed += DT
         # Still held: it rises on, and does not trip again.
-        foot = FOOT.detect_trip(foot, at_place(place - 1.0, 0.0), elapsed, DURATION, DT)
+        foot = FOOT.detect_trip(foot, at_place(place - 1.0, 0.0), np.array([-1.0, 0.0, 0.0]), elapsed, DURATION)
         foot = FOOT.step(foot, TARGET, LEVEL, elapsed, DURATION, DT)
         assert foot.position[0] == pytest.approx(place)
     assert foot.trips == 1
@@ -129,9 +127,9 @@ def test_a_foot_that_trips_gives_way_and_only_rises_for_a_while() -> None:
     assert foot.position == pytest.approx(TARGET, abs=5e-3)
 
 
-@pytest.mark.parametrize(("lag", "pace"), [(0.9, 0.0), (3.0, 1.2 * CONFIG.trip_speed)])
-def test_a_foot_that_is_near_or_moves_does_not_trip(lag: float, pace: float) -> None:
-    foot, _ = tripped(0.06, lag * CONFIG.trip_lag, pace)
+@pytest.mark.parametrize(("lag", "force"), [(0.9, 2.0), (3.0, 0.9), (-3.0, 2.0)])
+def test_a_foot_that_is_near_or_only_lags_or_is_pushed_on_does_not_trip(lag: float, force: float) -> None:
+    foot, _ = tripped(0.06, lag * CONFIG.trip_lag, force)
     assert foot.trips == 0 and foot.velocity[0] > 0.1
 
 
@@ -159,7 +157,14 @@ def test_the_sole_turns_to_the_slope_expected_at_its_landing() -> None:
 def test_a_tick_leaves_the_state_before_it_alone() -> None:
     foot = FOOT.lift(START, CLEARANCE, DURATION, LEVEL)
     motion, tilt = foot.motion.copy(), foot.tilt.copy()
-    FOOT.step(FOOT.detect_trip(foot, at_place(0.5, 0.5), 0.01, DURATION, DT), TARGET, np.ones(2), 0.01, DURATION, DT)
+    FOOT.step(
+        FOOT.detect_trip(foot, at_place(0.5, 0.5), np.array([1.0, 1.0, 0.0]), 0.01, DURATION),
+        TARGET,
+        np.ones(2),
+        0.01,
+        DURATION,
+        DT,
+    )
     np.testing.assert_array_equal(foot.motion, motion)
     np.testing.assert_array_equal(foot.tilt, tilt)
 
