@@ -29,7 +29,8 @@ FRAMES, ROWS = 12, 2  #: Pictures in a film strip, and rows of it [-]
 FRAME_SIZE = (300, 480)  #: Width and height of one picture [pixel]
 GIF_SIZE, GIF_RATE, GIF_SPEED = (160, 230), 6, 4.5  #: Of an animation: size [pixel], pictures a second, times real time
 GIF_COLORS = 32  #: Of its palette [-]
-SIDE = 105.0  #: Azimuth of the view of a robot on a terrain [deg]
+SIDE = 90.0  #: Azimuth of the view of a robot on a terrain, for its profile [deg]
+TURNED = 15.0  #: By which it is turned to show the risers: from ahead, from behind where the ground rises [deg]
 DONE = "done"  #: Last word of the events that end a part of the run
 INPUT_ERROR = 3  #: Exit status for an unusable recording or profile
 DARKEST = 0.2  #: Of each colour of a portrait: black robots would have no edges [-]
@@ -134,8 +135,6 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "", terr
     places = np.array([each.q[:, :2] for each in recordings])  # (robots, n, 2)
     spread = float(np.linalg.norm(np.ptp(places, axis=0), axis=1).max())
     camera = _camera(model, (width, height), tall + spread)
-    if terrain != FLAT:
-        camera.azimuth = SIDE  # steps are seen in profile
     font = ImageFont.load_default(size=10 if animated else 18)
     frames = []
     with mujoco.Renderer(model, height, width) as renderer:
@@ -148,6 +147,9 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "", terr
             mujoco.mj_forward(model, data)
             x, y = places[:, index].mean(axis=0).tolist()
             camera.lookat[:] = x, y, 0.5 * tall + ground.height(x, y)
+            if terrain != FLAT:
+                rises = not animated and ground.height(x + tall, y) > ground.height(x, y)
+                camera.azimuth = SIDE - TURNED if rises else SIDE + TURNED
             renderer.update_scene(data, camera)
             frame = Image.fromarray(renderer.render())
             happened = [text for stamp, text in recording.events if stamp <= time + 1e-6]
