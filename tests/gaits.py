@@ -43,7 +43,10 @@ def in_single_support(model: RobotModel, config: GaitConfig | None = None, *, st
 
 
 def caught(planner: GaitPlanner) -> RobotState:
-    """A robot that stands still on its stance foot, whose swing foot is pushed away from its reference."""
+    """A robot that stands still on its stance foot, whose swing foot is pushed away from its reference.
+
+    Its soles are level, at heading 0: their axes are those of W.
+    """
     model, foot = planner.model, 1 - planner.stance
     state = standing(model, planner.state.elapsed, shares=on_one_foot(planner.stance))
     away = np.array(planner.state.measured.soles[foot].place[:2]) - planner.state.swing.position[:2]

@@ -29,8 +29,9 @@ FRAMES, ROWS = 12, 2  #: Pictures in a film strip, and rows of it [-]
 FRAME_SIZE = (300, 480)  #: Width and height of one picture [pixel]
 GIF_SIZE, GIF_RATE, GIF_SPEED = (160, 230), 6, 4.5  #: Of an animation: size [pixel], pictures a second, times real time
 GIF_COLORS = 32  #: Of its palette [-]
-SIDE = 90.0  #: Azimuth of the view of a robot on a terrain, for its profile [deg]
-TURNED = 15.0  #: By which it is turned to show the risers: from ahead, from behind where the ground rises [deg]
+PROFILE = 90.0  #: Azimuth of the view of a robot on a terrain [deg]
+RISER_TURN = 15.0  #: From there: to ahead, in pictures to behind where the ground rises, so that risers show [deg]
+RISES = 0.05  #: Height from which ground rises that is as far ahead as the robot is tall [m]
 DONE = "done"  #: Last word of the events that end a part of the run
 INPUT_ERROR = 3  #: Exit status for an unusable recording or profile
 DARKEST = 0.2  #: Of each colour of a portrait: black robots would have no edges [-]
@@ -148,8 +149,8 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "", terr
             x, y = places[:, index].mean(axis=0).tolist()
             camera.lookat[:] = x, y, 0.5 * tall + ground.height(x, y)
             if terrain != FLAT:
-                rises = not animated and ground.height(x + tall, y) > ground.height(x, y)
-                camera.azimuth = SIDE - TURNED if rises else SIDE + TURNED
+                rises = ground.height(x + tall, y) - ground.height(x, y) > RISES
+                camera.azimuth = PROFILE - RISER_TURN if rises and not animated else PROFILE + RISER_TURN
             renderer.update_scene(data, camera)
             frame = Image.fromarray(renderer.render())
             happened = [text for stamp, text in recording.events if stamp <= time + 1e-6]

@@ -135,7 +135,7 @@ class Client:
         """How an obstacle limits the walk; empty while none does."""
         return "" if self.status is None else self.status.obstacle
 
-    def knows_mode(self) -> bool:
+    def status_is_current(self) -> bool:
         """Whether the status is that of the present mode: either may be received first."""
         return self.status is not None and self.status.mode.value == self.mode
 

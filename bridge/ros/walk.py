@@ -197,12 +197,12 @@ def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
 
 def _end_of_walk(client: Client) -> str:
     """What ended a walk that this client has not ended, and what to do."""
-    client.wait(client.knows_mode, LATE)
+    current = client.wait(client.status_is_current, LATE)
     if client.holds:
         return f"held: {client.holds}"
-    if client.status is None or client.mode == Mode.STAND.value:
+    if client.status is None or not current or not client.status.faults:
         return "ended from elsewhere"
-    return "; ".join((f"ended: {', '.join(client.status.faults) or 'from elsewhere'}", next_step(client.status)))
+    return "; ".join((f"ended: {', '.join(client.status.faults)}", next_step(client.status)))
 
 
 PLAN_TIMEOUT = 30.0  #: Longest wait for a plan [s]
@@ -248,7 +248,7 @@ def reach(
 
     RobotClock(client).wait(ended, length.sec + 1e-9 * length.nanosec + END_TIMEOUT)
     if client.wait(damped, LATE if ends and ends[0].state is MotionState.ENDED else 0.0):
-        client.wait(client.knows_mode, LATE)
+        client.wait(client.status_is_current, LATE)
         why = "; ".join((f"mode '{client.mode}'", *(client.status.faults if client.status else ())))
         return CommandReply(False, f"{answer.message}; ended: {why}")
     done = bool(ends) and ends[0].state is MotionState.DONE

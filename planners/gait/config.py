@@ -140,7 +140,7 @@ class SwingConfig:
     drift_share: Share  #: Of the error of a known height at a landing, what is taken for drift of the estimate [-]
     tilt_time: Positive  #: Time constant of its turn to the slope expected at landing [s]
     trip_lag: Positive  #: Distance from its reference from which a foot may have tripped [m]
-    trip_force: Share  #: Share of the weight with which it then is pushed away from that [-]
+    trip_force: Share  #: Least force away from its reference with which it has, share of the weight [-]
     trip_time: Positive  #: Time for which a foot that tripped only rises [s]
     trip_back: NonNegative  #: Distance by which it is drawn back from where it was caught [m]
     trip_landing: Positive  #: Least time from the end of that rise to the touchdown [s]

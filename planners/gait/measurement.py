@@ -31,19 +31,24 @@ class Measurement(Struct, frozen=True):
     tilts: Matrix  # slope of each sole: rise along x and along y of W (2, 2) [-]
     turning: Matrix  # angular velocity of each sole about its x and y (2, 2) [rad/s]
     cops: Matrix  # in the frame of each sole; without load, that of the last tick with load (2, 2) [m]
-    loads: tuple[float, float]  # vertical force on each sole, share of the weight [-]
+    loads: tuple[float, float]  # force along the normal of each sole, share of the weight [-]
     active: tuple[bool, bool]  # contact of each foot, by the estimator
     forces: Matrix  # on each sole, in W, share of the weight (2, 3) [-]
 
     def upright(self, foot: int) -> bool:
-        """Whether the force on a sole points more up than aside: from the ground, not from an edge of it."""
-        x, y, z = self.forces[foot].tolist()
-        return bool(z > 0.0 and z * z >= x * x + y * y)
+        """Whether the force on a sole is within 45 degrees of the vertical; False without one."""
+        return bool(points_up(self.forces[foot]))
 
     def dcm(self, omega: float) -> Vector:
         """``xi = c + c' / omega``, horizontal (2,) [m]."""
         dcm: Vector = self.com[:2] + self.com_velocity[:2] / omega
         return dcm
+
+
+@register_jitable
+def points_up(force: Vector) -> bool:
+    """Whether a force (3,) is within 45 degrees of the vertical: from ground below, not from the side of an edge."""
+    return bool(force[2] > 0.0 and force[2] * force[2] >= force[0] * force[0] + force[1] * force[1])
 
 
 @njit(cache=True)

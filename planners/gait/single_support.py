@@ -85,8 +85,7 @@ class SingleSupport:
         height = max(level, min(gait.swing.edge, level + config.ground.rough_max))
         pose = np.array([target.x, target.y, height, yaw + wrap(target.yaw - yaw)])
         swing = gait.swing
-        if not measured.upright(foot):  # ground that bears the foot does not catch it
-            swing = self._swing.detect_trip(swing, sole, measured.forces[foot], elapsed, gait.step.time)
+        swing = self._swing.detect_trip(swing, sole, measured.forces[foot], elapsed, gait.step.time)
         if swing.trips > gait.swing.trips:
             before, gait.soles = gait.soles.roughness, self._soles.tripped(gait.soles)
             swing = structs.replace(swing, clearance=swing.clearance + gait.soles.roughness - before)

@@ -16,6 +16,7 @@ from models.types import Matrix, Vector
 from planners.gait.config import SwingConfig
 from planners.gait.footing import FLAT, ToeOff, turned_about
 from planners.gait.footsteps import Foothold, Place, Point
+from planners.gait.measurement import points_up
 from planners.gait.tread import SwingShares, clearance_over, swing_shares
 
 X, Y, Z, YAW = range(4)
@@ -145,10 +146,10 @@ class SwingFoot:
     go to a corner, ``via``, and through it. To a foothold of another known height the foot goes over the edge between:
     ``swing_shares``.
 
-    A foot that stays away from its reference and is pushed away from it has tripped, over the edge of a tile for
-    instance: the force tells it from one that only lags. The harder it is pushed on, the faster friction holds it. Its
-    reference goes back to ``trip_back`` beyond the measured place, and before the planned touchdown it only rises for
-    ``trip_time``.
+    A foot ``trip_lag`` away from its reference has tripped, over the edge of a tile for instance, if a force of
+    ``trip_force`` of the weight, more horizontal than vertical, pushes it away from that; others only lag. The harder
+    it is pushed on, the faster friction holds it. Its reference goes back to ``trip_back`` beyond the measured place,
+    and before the planned touchdown it only rises for ``trip_time``.
     """
 
     def __init__(self, config: SwingConfig) -> None:
@@ -275,18 +276,19 @@ def _draw_back_tripped(
     elapsed: float,
     duration: float,
 ) -> tuple[bool, float]:
-    """Draw the motion (3, 4) back from the measured place when the foot has tripped.
+    """Draw the motion (3, 4) back from the measured ``Place`` when the foot has tripped.
 
-    Returns whether it has, and the new ``rising_until`` of ``SwingState`` [s].
+    ``force`` is that of ``detect_trip`` (3,). Returns whether it has, and the new ``rising_until`` of ``SwingState``
+    [s].
     """
     limits = constants.record
-    ahead_x, ahead_y = motion[0, X] - place[0], motion[0, Y] - place[1]
-    lag, work = math.hypot(ahead_x, ahead_y), -force[0] * ahead_x - force[1] * ahead_y
-    held = lag >= limits.trip_lag and work >= limits.trip_force * lag
-    tripped = held and elapsed >= min(rising_until, duration)
+    away_x, away_y = place[0] - motion[0, X], place[1] - motion[0, Y]
+    lag = math.hypot(away_x, away_y)
+    held = force[0] * away_x + force[1] * away_y >= limits.trip_force * lag and not points_up(force)
+    tripped = lag >= limits.trip_lag and held and elapsed >= min(rising_until, duration)
     if tripped:
         back = limits.trip_back / lag
-        motion[0, X], motion[0, Y] = place[0] - back * ahead_x, place[1] - back * ahead_y
+        motion[0, X], motion[0, Y] = place[0] + back * away_x, place[1] + back * away_y
         motion[1:, :Z] = 0.0
         if elapsed < duration:
             rising_until = elapsed + limits.trip_time

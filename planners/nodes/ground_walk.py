@@ -1,4 +1,4 @@
-"""Walks of the gait planner on the map of the ground: where it is not level ahead, planned footsteps take over."""
+"""Walks of the gait planner on the map of the ground: where that is not level, planned footsteps take over."""
 
 from __future__ import annotations
 
@@ -29,6 +29,8 @@ _TIME = 1.0  #: And how far in time, at the commanded velocity [s]
 _PATIENCE = 1.0  #: Longest wait for the answer whether the ground is level; then the robot walks blind [s]
 _TURNED = 0.1  #: Heading from the line of a plan that the robot turns by first [rad]
 _FACING = 0.05  #: Heading from that of the goal that it turns by at the end [rad]
+_CONE = math.radians(45.0)  #: Between two directions up to which they count as one [rad]
+_AGAIN = 2.0  #: After which a robot that was stopped asks again [s]
 _SLOW = 0.02  #: Speed up to which nothing is watched [m/s]
 _ENDLESS = 20.0  #: Length of the line of a velocity [m]
 _NEAR = 0.1  #: Distance from a goal up to which the ground is watched ahead, not towards it [m]
@@ -43,13 +45,13 @@ _UNANSWERED = f"no answer of the ground planner for {_PATIENCE:g} s: the robot w
 class _Stage(Enum):
     IDLE = auto()  # nothing to watch, or no ground planner is there
     ASKED = auto()  # for the ground on the way to a goal
-    BLIND = auto()  # the gait walks by itself; the ground ahead is watched
+    BLIND = auto()  # the gait walks by itself; the ground on the way is watched
     STOP = auto()  # it is to stand, in front of ground that is not level
     ROUTE = auto()  # it takes planned footsteps
     LOOK = auto()  # it stands, and will ask for a way around
     AROUND = auto()  # it has asked for that
     LAST = auto()  # it turns to the goal
-    BLOCKED = auto()  # it stands in front of what it cannot step on, until the velocity changes
+    BLOCKED = auto()  # it stands in front of what it cannot step on
 
 
 def declare_around(node: PoiseNode) -> None:
@@ -58,26 +60,32 @@ def declare_around(node: PoiseNode) -> None:
     node.declare_parameter(_AROUND, False, describe(text, read_only=False))
 
 
+_WATCHING = (_Stage.ASKED, _Stage.BLIND, _Stage.BLOCKED)  #: It has asked for the ground on the way
+_STOPPED = (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED)  #: The gait may not walk by itself
+
+
 def _speed(velocity: Velocity) -> float:
     return math.hypot(*velocity[:2])
 
 
-def _direction(velocity: Velocity) -> str:
-    """Where a velocity leads, from the robot; empty for ahead."""
-    x, y, _ = velocity
-    if abs(y) > abs(x):
-        return "to the left" if y > 0.0 else "to the right"
-    return "behind" if x < 0.0 else ""
+def _bearing(velocity: Velocity) -> float:
+    """Direction of a velocity from that ahead [rad]."""
+    return math.atan2(velocity[1], velocity[0])
+
+
+def _leads_ahead(velocity: Velocity) -> bool:
+    return abs(_bearing(velocity)) <= _CONE
 
 
 class GroundWalk:
     """Watches the ground on the way to a goal or of a velocity, and walks on plans where it is not level.
 
     Without a ground planner, or a map, the gait walks as if this were not there. Else the ground planner is asked at
-    every touchdown whether the next ``_AHEAD`` are level. Where they are not, the robot stops, turns to the goal, and
-    follows ``GroundRoute``; at a velocity to the side or back it stays. With the parameter ``around`` it walks to a
-    goal over level ground beside what stands in the way. ``report`` gets the reason for which it stands and cannot go
-    on, empty when it is to stop or to go another way.
+    every touchdown whether the next ``_AHEAD`` (``_BESIDE`` to the sides and behind) are level. Where they are not, the
+    robot stops, turns to the goal, and follows ``GroundRoute``; at a velocity to the side or back it stays. With the
+    parameter ``around`` it walks to a goal over level ground beside what stands in the way. ``report`` gets the reason
+    for which it stands and cannot go on, empty afterwards. A robot that stands so at a velocity may turn, and asks
+    again every ``_AGAIN``; a velocity in another direction is a new command.
 
     Attributes:
         outcome: Of the last goal: ``done``, or why it was not reached; empty where the gait's own route says so.
@@ -96,6 +104,8 @@ class GroundWalk:
         self._poses: list[Foothold] = []  # to walk through on the way to the goal
         self._detours = 0
         self._velocity = STILL
+        self._stopped = 0.0  # bearing of the velocity that was stopped [rad]
+        self._reason = ""  # that was reported
         self._t = self._asked = 0.0
         self._steps = -1  # touchdowns at the last watch
 
@@ -117,8 +127,7 @@ class GroundWalk:
 
     def cancel(self, reason: str) -> None:
         """Another command, or none, from now on; footsteps under way are not affected."""
-        if self._stage is _Stage.BLOCKED:
-            self._report("")
+        self._say("")
         self._route.end(reason)
         self._stage, self._goal, self.outcome, self._velocity = _Stage.IDLE, None, reason, STILL
         self._poses, self._before = [], self._number
@@ -127,12 +136,15 @@ class GroundWalk:
         """The part of a commanded velocity that the gait may walk at: none where plans take over."""
         if velocity != STILL and self._goal is not None:
             self.cancel("a velocity was commanded")
-        stopped, moves = self._stage in (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED), _speed(velocity) > _SLOW
-        if self._goal is not None or velocity == self._velocity:
+        stopped = self._stage in _STOPPED
+        if self._goal is not None:
             return STILL if stopped else velocity
-        if stopped and moves and _direction(velocity) == _direction(self._velocity):
+        moves = _speed(velocity) > _SLOW
+        if stopped and moves and abs(wrap(_bearing(velocity) - self._stopped)) <= _CONE:
             self._velocity = velocity
-            return STILL
+            return (0.0, 0.0, velocity[2]) if self._stage is _Stage.BLOCKED else STILL
+        if velocity == self._velocity:
+            return velocity
         if stopped:
             self._stack.stop()
         self.cancel("")
@@ -165,6 +177,9 @@ class GroundWalk:
             case _Stage.AROUND:
                 if t - self._asked > _PATIENCE:
                     self._finish("no way around came from the ground planner")
+            case _Stage.BLOCKED:
+                if t - self._asked > _AGAIN:
+                    self._watch(_Stage.BLOCKED)
             case _Stage.LAST:
                 if not law.route.left:
                     self._finish(law.route.outcome)
@@ -173,10 +188,8 @@ class GroundWalk:
         """Ask whether the ground on the way is level."""
         self._stage, self._steps, self._asked = stage, self._law.steps, self._t
         feet, here = self._law.footholds, middle(self._law.footholds)
-        line, far = here, _AHEAD + _TIME * _speed(self._velocity)
-        if _direction(self._velocity):
-            x, y, _ = self._velocity
-            line, far = structs.replace(here, yaw=here.yaw + math.atan2(y, x)), far - _AHEAD + _BESIDE
+        far = (_AHEAD if _leads_ahead(self._velocity) else _BESIDE) + _TIME * _speed(self._velocity)
+        line = structs.replace(here, yaw=here.yaw + _bearing(self._velocity))
         if (goal := self._target) is not None:
             ahead, way = self._way_to(goal)
             line, far = ahead if way > _NEAR else here, min(far, way)
@@ -193,18 +206,27 @@ class GroundWalk:
                 self._route.end("level")  # the rest is walked at the commanded velocity
             else:
                 self._route.answer(answer)
-        elif self._stage in (_Stage.ASKED, _Stage.BLIND) and self._number <= answer.number < self._before:
-            # A late answer counts, too: the ground that it saw ahead is still there.
+        elif self._stage in _WATCHING and self._number <= answer.number < self._before:
+            # A late answer counts, too: the ground that it saw on the way is still there.
             if answer.blind:
                 self._warn(_UNSEEN, throttle_duration_sec=_WARNED)
             if not (answer.level or answer.blind):
-                self._stage = _Stage.STOP
-                self._stack.hold_velocity(*STILL)
-                self._stack.stop()
+                self._stop()
             elif self._stage is _Stage.ASKED:
                 self._walk_blind()
+            elif self._stage is _Stage.BLOCKED and answer.number == self._number:
+                self._say("")
+                self._stage, self._steps = _Stage.BLIND, -1
         elif self._stage is _Stage.AROUND and answer.number == self._number and self._goal is not None:
             self._pass(answer, self._goal)
+
+    def _stop(self) -> None:
+        """In front of ground that is not level; a robot that stands there already plans anew unless it turns."""
+        if self._stage is _Stage.BLOCKED and (self._velocity[2] or not _leads_ahead(self._velocity)):
+            return
+        self._stage, self._stopped = _Stage.STOP, _bearing(self._velocity)
+        self._stack.hold_velocity(*STILL)
+        self._stack.stop()
 
     @property
     def _target(self) -> Foothold | None:
@@ -231,8 +253,8 @@ class GroundWalk:
         """It stands: turn to the goal, or follow plans along a line from here."""
         here, self._poses = middle(self._law.footholds), []
         if self._goal is None:
-            if direction := _direction(self._velocity):
-                self._block(f"the ground {direction} is not level: turn to it, such ground is walked over ahead only")
+            if not _leads_ahead(self._velocity):
+                self._block()
                 return
             self._stage = _Stage.ROUTE
             self._route.begin(here, _ENDLESS)
@@ -283,20 +305,31 @@ class GroundWalk:
         route, goal = self._route, self._goal
         if (request := route.request(t)) is not None:
             self._send(request)
+        if self._law.route.left:
+            self._say("")
         if route.active or self._law.route.left or not self._law.settled:
             return
         if goal is None:
-            self._stage, self._steps = _Stage.BLIND, -1
-            if route.outcome != "level":
+            if route.outcome == "level":
+                self._stage, self._steps = _Stage.BLIND, -1
+            else:
                 self._block(route.outcome)
         elif route.outcome == "done" and abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > _FACING:
             self._walk_to(goal, _Stage.LAST)
         else:
             self._finish(route.outcome)
 
-    def _block(self, reason: str) -> None:
-        self._stage = _Stage.BLOCKED
-        self._report(reason)
+    def _block(self, reason: str = "") -> None:
+        """Stand at a velocity, with a reason, or because it does not lead ahead."""
+        x, y, _ = self._velocity
+        side = "behind" if abs(y) < -x else "to the left" if y > 0.0 else "to the right"
+        self._stage, self._asked = _Stage.BLOCKED, self._t
+        self._say(reason or f"the ground {side} is not level; turn towards it: footsteps are planned ahead only")
+
+    def _say(self, reason: str) -> None:
+        if reason != self._reason:
+            self._reason = reason
+            self._report(reason)
 
     def _finish(self, outcome: str) -> None:
         self._stage, self._goal, self._poses, self.outcome = _Stage.IDLE, None, [], outcome

@@ -61,6 +61,15 @@ def test_the_fall_that_ended_a_walk_is_reported(supervisor: FakeSupervisor) -> N
     assert "'poise reset'" in reply.reason and reply.reason.endswith("; mode 'damp'")
 
 
+def test_another_program_that_ended_a_walk_is_no_fault(supervisor: FakeSupervisor) -> None:
+    supervisor.record = replace(supervisor.record, holds=())
+    with Client() as client:
+        client.robot()
+        supervisor.create_timer(2.0, lambda: supervisor.mode.publish(String(data="stand")))
+        reply = walk.walk(client, (0.2, 0.0, 0.0), 60.0)
+    assert (reply.accepted, reply.reason) == (False, "the walk was ended from elsewhere; mode 'stand'")
+
+
 @pytest.mark.parametrize(
     ("commander", "changes", "reason"),
     [
@@ -97,10 +106,15 @@ def test_a_goal_that_is_not_finite_is_refused_before_anything_moves(supervisor: 
 
 
 def test_the_obstacle_that_ended_a_goal_is_named(supervisor: FakeSupervisor) -> None:
-    supervisor.record = replace(supervisor.record, holds=(), obstacle="stopped: obstacle 0.42 m ahead")
+    """Also where the supervisor says so only after the end of the goal."""
+    supervisor.record = replace(supervisor.record, holds=())
     routes = StatusTopic(supervisor, topics.ROUTE_STATUS)
-    ended = RouteStatus(RouteState.ENDED, 3, "stopped")
-    supervisor.create_subscription(PoseStamped, topics.GOAL_POSE, lambda goal: routes.publish(ended), EVENT)
+
+    def end(_: PoseStamped) -> None:
+        routes.publish(RouteStatus(RouteState.ENDED, 3, "stopped"))
+        supervisor.record = replace(supervisor.record, obstacle="stopped: obstacle 0.42 m ahead")
+
+    supervisor.create_subscription(PoseStamped, topics.GOAL_POSE, end, EVENT)
     margin = supervisor.create_publisher(Float64, topics.GAIT_CAPTURE_MARGIN, SENSOR)
     supervisor.create_timer(0.05, lambda: margin.publish(Float64()))
     with Client() as client:

@@ -100,10 +100,10 @@ class Guided(StandingGait):
         self.goal.publish(pose_message(Foothold(x, 0.0, 0.0), topics.ODOM_FRAME))
         self.bench.wait(lambda: self.routes)
 
-    def drive(self, forward: float, left: float = 0.0) -> None:
-        self.repeated = forward, left, 0.0
+    def drive(self, forward: float, left: float = 0.0, turn: float = 0.0) -> None:
+        self.repeated = forward, left, turn
         self.velocity.publish(velocity_to_twist(self.repeated))
-        self.bench.wait(lambda: self.node._command.velocity[:2] == (forward, left))
+        self.bench.wait(lambda: self.node._command.velocity == self.repeated)
 
 
 def steps(x: float) -> tuple[Footstep, ...]:
@@ -215,11 +215,49 @@ def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_ends(bench: An
     robot.drive(0.25, 0.1)  # as a stick that is held does
     robot.tick(1)
     assert not robot.stack.gait.state.command.moves
+    robot.drive(0.25, 0.1, 0.5)  # it may turn
+    robot.tick(1)
+    assert robot.stack.gait.state.command.target == (0.0, 0.0, 0.5)
     robot.drive(0.0)
     robot.until(lambda: robot.limits[-1] == "")
     robot.drive(0.2)
     robot.tick(1)
     assert robot.stack.gait.state.command.moves
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+def test_a_robot_that_was_stopped_asks_again(bench: Any, g1: RobotModel, turn: float) -> None:
+    """It goes on where the way has become free; else it plans again, but while it turns."""
+    robot = Guided(bench, g1)
+    robot.drive(0.3)
+    robot.send(Answer(robot.ask().number))
+    robot.stack.gait.reset(robot.state)
+    robot.until(lambda: [request for request in robot.requests if not request.watch])
+    robot.send(Answer(robot.requests[-1].number, (), WALL))
+    robot.until(lambda: robot.limits and robot.limits[-1] == f"stopped: {WALL}")
+    robot.drive(0.3, turn=turn)
+    robot.requests.clear()
+    request = robot.ask()
+    assert request.watch
+    robot.send(Answer(request.number))
+    robot.until(lambda: robot.requests)
+    assert robot.requests[-1].watch == bool(turn) and robot.limits[-1] == f"stopped: {WALL}"
+    if turn:
+        robot.send(Answer(robot.requests[-1].number, level=True))
+        robot.until(lambda: robot.limits[-1] == "")
+        robot.tick(1)
+        assert robot.stack.gait.state.command.target == (0.3, 0.0, turn)
+
+
+def test_the_ground_is_watched_along_an_oblique_velocity(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
+    robot.drive(0.2, 0.15)
+    query = robot.ask().query
+    assert query.line.yaw == pytest.approx(math.atan2(0.15, 0.2)) and query.distance == pytest.approx(0.85, abs=0.01)
+    robot.send(Answer(robot.node._ground._number))
+    robot.drive(0.15, 0.17)  # a little more to the left
+    robot.tick(5)
+    assert not robot.stack.gait.state.command.moves
 
 
 @pytest.mark.parametrize(

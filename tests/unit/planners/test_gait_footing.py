@@ -8,6 +8,7 @@ import pytest
 from msgspec import structs
 
 from models.config import default_config
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import RobotState
 from planners.gait.config import GaitConfig
@@ -187,6 +188,19 @@ def test_turning_and_centre_of_pressure_are_those_of_the_sole() -> None:
     np.testing.assert_allclose(seen.turning[0], (sole.T @ base @ v[3:6])[:2], atol=1e-9)
     np.testing.assert_allclose(seen.cops[0], [0.05, 0.02])
     np.testing.assert_allclose(seen.cops[1], 0.0)
+
+
+def test_forces_on_a_turned_and_tilted_sole_are_those_in_the_world() -> None:
+    model = RobotModel.load("g1")
+    q = model.standing_configuration()
+    q[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(0.2, -0.3, 1.1)).coeffs()
+    state = standing(model, q=q, shares=(1.0, 0.0))
+    state.contacts[0].wrench[:2] = 30.0, -20.0
+    seen, data = GaitMeasurement(model).measure(state), model.data()
+    pin.framesForwardKinematics(model.pin, data, q)
+    world = data.oMf[model.feet[0].frame_id].rotation @ state.contacts[0].wrench[:3]
+    np.testing.assert_allclose(seen.forces, [world / (model.mass * GRAVITY), np.zeros(3)], atol=1e-12)
+    assert seen.upright(0) and not seen.upright(1)
 
 
 @pytest.mark.parametrize("side", range(4), ids=["heel", "toe", "right rim", "left rim"])

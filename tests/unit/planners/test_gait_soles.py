@@ -1,5 +1,7 @@
 """Soles of the gait: where a foot is expected to land, which planted soles are followed, when standing is lost."""
 
+import math
+
 import numpy as np
 import pytest
 from msgspec import structs
@@ -102,13 +104,17 @@ def test_a_foot_that_is_caught_goes_higher_at_once_and_so_do_the_next(g1: RobotM
 @pytest.mark.parametrize(("aside", "up"), [(0.0, 0.0), (1.0, 1.1)])
 def test_a_foot_that_only_lags_or_has_ground_under_it_has_not_tripped(g1: RobotModel, aside: float, up: float) -> None:
     """In shares of the force of a foot that is caught."""
-    planner = in_single_support(g1)
+    planner, lags = in_single_support(g1), [0.0]
     while planner.state.elapsed < 0.4 * planner.state.step.time:
         state = caught(planner)
+        lags.append(
+            math.dist(planner.state.swing.position[:2], planner.state.measured.soles[1 - planner.stance].place[:2])
+        )
         force = state.contacts[1 - planner.stance].wrench
         force[2] = up * np.linalg.norm(force[:2])
         force[:2] *= aside
         planner.step(state, DT)
+    assert max(lags) > 2.0 * CONFIG.swing.trip_lag
     assert planner.trips == 0 and planner.phase is GaitPhase.SINGLE
 
 

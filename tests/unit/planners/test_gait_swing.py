@@ -128,7 +128,7 @@ def test_a_foot_that_trips_gives_way_and_only_rises_for_a_while() -> None:
 
 
 @pytest.mark.parametrize(("lag", "force"), [(0.9, 2.0), (3.0, 0.9), (-3.0, 2.0)])
-def test_a_foot_that_is_near_or_only_lags_or_is_pushed_on_does_not_trip(lag: float, force: float) -> None:
+def test_a_foot_that_is_near_or_only_lags_or_is_pushed_to_its_reference_does_not_trip(lag: float, force: float) -> None:
     foot, _ = tripped(0.06, lag * CONFIG.trip_lag, force)
     assert foot.trips == 0 and foot.velocity[0] > 0.1
 
