@@ -25,6 +25,7 @@ _STRIDE = 0.25  #: Usual length of a step [m]
 _ASIDE = 0.30  #: To either side of the line they reach [m]
 _SHIFT = 0.2  #: From the line to those beside it [m]
 _SOON = 1.0  #: A plan that ends before this way is compared with those beside it [m]
+_LOWEST = 1.0  #: Of the known ground that counts as its lowest [%]
 _STRAY = 6  #: Cells off a level from which on it is none
 _CHANGED = 0.1  #: Share of the ground of a step that is off its plan from which on the plan is void [-]
 _AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason why it cannot go on [m]
@@ -105,13 +106,20 @@ class GroundPlanner:
         return GroundPlan(steps, "" if arrived else self._obstacle(ground, leading, line.yaw)), way
 
     def level(self, ground: Heights, query: GroundQuery) -> bool:
-        """Whether the ground along the way is level where the feet walk, as far as it is known: no plan is needed."""
+        """Whether the ground along the way is level where the feet walk: no plan is needed.
+
+        What is not known is taken to be as low as the lowest ground of the map: on a landing it may be an edge, on a
+        floor it is more floor.
+        """
         half = 0.5 * self._limits.width + self._ground.points[:, 1].max()
         start = min(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
         ways = np.arange(start, query.distance + self._ground.points[:, 0].max(), ground.cell)
         sides = np.arange(-half, half + 1e-6, ground.cell)
         heights = ground.at(_lattice(query.line, ways, sides))
-        off = np.abs(heights - np.mean([sole.z for sole in query.feet]))
+        level = float(np.mean([sole.z for sole in query.feet]))
+        known = ground.values[np.isfinite(ground.values)]
+        lowest = min(float(np.percentile(known, _LOWEST)), level) if len(known) else level
+        off = np.abs(np.where(np.isnan(heights), lowest, heights) - level)
         return int((off > LEVEL).sum()) < _STRAY
 
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:

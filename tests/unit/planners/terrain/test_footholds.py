@@ -318,6 +318,17 @@ def test_what_is_level_is_known_and_needs_no_plan(mapper: TerrainMapper) -> None
     assert not level_ahead(lambda x, y: -0.4 if x > 0.9 and y < 0.0 else 0.0, 0.9)  # under one foot
 
 
+@pytest.mark.parametrize(("behind", "is_level"), [(-0.15, False), (0.15, True), (0.0, True)])
+def test_where_lower_ground_is_known_unknown_ground_may_be_an_edge(
+    mapper: TerrainMapper, behind: float, is_level: bool
+) -> None:
+    """Ahead of a landing, for instance, that is known up to 0.6 m ahead."""
+    plan_on(mapper, lambda x, _: math.nan if x > 0.6 else behind if x < -0.3 else 0.0)
+    for distance, expected in ((0.4, True), (0.7, is_level)):
+        query = GroundQuery(START, distance, soles_at(START, GAIT.reach.width))
+        assert GroundPlanner(G1, GAIT).level(mapper.ground(), query) == expected
+
+
 def test_ahead_of_a_foot_on_known_ground_nothing_is_felt(mapper: TerrainMapper) -> None:
     """As on stairs: what is not seen beside a foot that stands on the map may be an edge."""
     steps, why = plan_on(mapper, lambda x, _: 0.0 if x < 0.3 or x > 0.8 else math.nan)
