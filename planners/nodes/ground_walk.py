@@ -214,7 +214,7 @@ class GroundWalk:
                 self._stop()
             elif self._stage is _Stage.ASKED:
                 self._walk_blind()
-            elif self._stage is _Stage.BLOCKED and answer.number == self._number:
+            elif self._stage is _Stage.BLOCKED and answer.level and answer.number == self._number:
                 self._say("")
                 self._stage, self._steps = _Stage.BLIND, -1
         elif self._stage is _Stage.AROUND and answer.number == self._number and self._goal is not None:

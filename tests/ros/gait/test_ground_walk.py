@@ -243,6 +243,10 @@ def test_a_robot_that_was_stopped_asks_again(bench: Any, g1: RobotModel, turn: f
     robot.until(lambda: robot.requests)
     assert robot.requests[-1].watch == bool(turn) and robot.limits[-1] == f"stopped: {WALL}"
     if turn:
+        robot.send(Answer(robot.requests[-1].number, blind=True))  # a map that is lost frees no way
+        robot.requests.clear()
+        robot.until(lambda: robot.requests)
+        assert robot.limits[-1] == f"stopped: {WALL}"
         robot.send(Answer(robot.requests[-1].number, level=True))
         robot.until(lambda: robot.limits[-1] == "")
         robot.tick(1)
