@@ -97,7 +97,7 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     while (left := end - clock.now()) > 0.0 and client.mode == Mode.WALK.value and not client.holds:
         publisher.publish(message)
         client.spin(min(PERIOD, left))
-    limit = next((f"; {text}" for text in reversed(limits) if text), "")
+    limit = "".join(f"; {text}" for text in limits[-1:] if text)
     ended = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
     if not ended and seconds and client.mode == Mode.WALK.value and not client.wait(follows, LIMITING):
         ended = f"the robot does not follow the velocity: {_reasons(client)}"

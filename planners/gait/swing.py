@@ -64,8 +64,6 @@ class SwingLimits(NamedTuple):
     tilt_time: float  # [s]
     trip_lag: float  # [m]
     trip_force: float  # [-]
-    trip_time: float  # [s]
-    trip_back: float  # [m]
 
 
 class SwingState(Struct, frozen=True):
@@ -156,6 +154,7 @@ class SwingFoot:
         self.shape = SwingShape(**{name: getattr(config, name) for name in SwingShape._fields})
         others = (getattr(config, name) for name in SwingLimits._fields[1:])
         self._limits = unbox(SwingLimits(self.shape, *others))
+        self._trip_time, self._trip_back = config.trip_time, config.trip_back
 
     def lift(
         self,
@@ -202,10 +201,14 @@ class SwingFoot:
 
         ``force`` is that of the ground on the sole in W, share of the weight (3,) [-].
         """
-        limits, motion = self._limits, swing.motion.copy()
-        tripped, until = _draw_back_tripped(limits, motion, sole.place, force, swing.rising_until, elapsed, duration)
-        if not tripped:
+        if elapsed < min(swing.rising_until, duration) or not _is_caught(self._limits, swing.motion, sole.place, force):
             return swing
+        motion, until = swing.motion.copy(), swing.rising_until
+        away = np.array([sole.x, sole.y]) - motion[0, :Z]
+        motion[0, :Z] += (1.0 + self._trip_back / math.hypot(*away)) * away
+        motion[1:, :Z] = 0.0
+        if elapsed < duration:
+            until = elapsed + self._trip_time
         return structs.replace(swing, motion=motion, trips=swing.trips + 1, rising_until=until, edge=sole.z)
 
     def step(
@@ -267,32 +270,12 @@ def _braking(start: Point, target: Sequence[float], duration: float, effort: flo
 
 
 @njit(cache=True)
-def _draw_back_tripped(
-    constants: Unboxed[SwingLimits],
-    motion: Matrix,
-    place: Place,
-    force: Vector,
-    rising_until: float,
-    elapsed: float,
-    duration: float,
-) -> tuple[bool, float]:
-    """Draw the motion (3, 4) back from the measured ``Place`` when the foot has tripped.
-
-    ``force`` is that of ``detect_trip`` (3,). Returns whether it has, and the new ``rising_until`` of ``SwingState``
-    [s].
-    """
+def _is_caught(constants: Unboxed[SwingLimits], motion: Matrix, place: Place, force: Vector) -> bool:
+    """Whether a foot at a measured ``Place`` is pushed away from its reference motion (3, 4), see ``SwingFoot``."""
     limits = constants.record
-    away_x, away_y = place[0] - motion[0, X], place[1] - motion[0, Y]
-    lag = math.hypot(away_x, away_y)
-    held = force[0] * away_x + force[1] * away_y >= limits.trip_force * lag and not points_up(force)
-    tripped = lag >= limits.trip_lag and held and elapsed >= min(rising_until, duration)
-    if tripped:
-        back = limits.trip_back / lag
-        motion[0, X], motion[0, Y] = place[0] + back * away_x, place[1] + back * away_y
-        motion[1:, :Z] = 0.0
-        if elapsed < duration:
-            rising_until = elapsed + limits.trip_time
-    return tripped, rising_until
+    x, y = place[0] - motion[0, X], place[1] - motion[0, Y]
+    lag, push = math.hypot(x, y), force[0] * x + force[1] * y
+    return bool(lag >= limits.trip_lag and push >= limits.trip_force * lag and not points_up(force))
 
 
 @njit(cache=True)

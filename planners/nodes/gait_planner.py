@@ -82,10 +82,13 @@ class GaitTopics:
         self._report()
 
     def report_blocked(self, reason: str) -> None:
-        """Report why the robot stands in front of what it cannot step on; empty when it does not."""
-        self._blocked = f"stopped: {reason}" if reason else ""
-        if reason:
-            self._log.warning(self._blocked)
+        """Report a new reason why the robot stands in front of what is not level; empty when it does not."""
+        blocked = f"stopped: {reason}" if reason else ""
+        if blocked == self._blocked:
+            return
+        self._blocked = blocked
+        if blocked:
+            self._log.warning(blocked)
         self._report()
 
     def _report(self) -> None:

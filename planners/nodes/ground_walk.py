@@ -54,14 +54,14 @@ class _Stage(Enum):
     BLOCKED = auto()  # it stands in front of what it cannot step on
 
 
+_WATCHING = (_Stage.ASKED, _Stage.BLIND, _Stage.BLOCKED)  #: It has asked for the ground on the way
+_STOPPED = (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED)  #: The gait may not walk by itself
+
+
 def declare_around(node: PoiseNode) -> None:
     """Declare the parameter ``around``."""
     text = "Whether to walk to a goal around what stands on level ground, instead of stepping upon it"
     node.declare_parameter(_AROUND, False, describe(text, read_only=False))
-
-
-_WATCHING = (_Stage.ASKED, _Stage.BLIND, _Stage.BLOCKED)  #: It has asked for the ground on the way
-_STOPPED = (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED)  #: The gait may not walk by itself
 
 
 def _speed(velocity: Velocity) -> float:
@@ -84,8 +84,8 @@ class GroundWalk:
     every touchdown whether the next ``_AHEAD`` (``_BESIDE`` to the sides and behind) are level. Where they are not, the
     robot stops, turns to the goal, and follows ``GroundRoute``; at a velocity to the side or back it stays. With the
     parameter ``around`` it walks to a goal over level ground beside what stands in the way. ``report`` gets the reason
-    for which it stands and cannot go on, empty afterwards. A robot that stands so at a velocity may turn, and asks
-    again every ``_AGAIN``; a velocity in another direction is a new command.
+    for which it stands at a velocity, empty while it does not. A robot that cannot go on may turn, and asks again every
+    ``_AGAIN``; a velocity in another direction is a new command.
 
     Attributes:
         outcome: Of the last goal: ``done``, or why it was not reached; empty where the gait's own route says so.
@@ -105,7 +105,6 @@ class GroundWalk:
         self._detours = 0
         self._velocity = STILL
         self._stopped = 0.0  # bearing of the velocity that was stopped [rad]
-        self._reason = ""  # that was reported
         self._t = self._asked = 0.0
         self._steps = -1  # touchdowns at the last watch
 
@@ -127,7 +126,7 @@ class GroundWalk:
 
     def cancel(self, reason: str) -> None:
         """Another command, or none, from now on; footsteps under way are not affected."""
-        self._say("")
+        self._report("")
         self._route.end(reason)
         self._stage, self._goal, self.outcome, self._velocity = _Stage.IDLE, None, reason, STILL
         self._poses, self._before = [], self._number
@@ -215,15 +214,19 @@ class GroundWalk:
             elif self._stage is _Stage.ASKED:
                 self._walk_blind()
             elif self._stage is _Stage.BLOCKED and answer.level and answer.number == self._number:
-                self._say("")
-                self._stage, self._steps = _Stage.BLIND, -1
+                self._go_on()
         elif self._stage is _Stage.AROUND and answer.number == self._number and self._goal is not None:
             self._pass(answer, self._goal)
 
     def _stop(self) -> None:
         """In front of ground that is not level; a robot that stands there already plans anew unless it turns."""
-        if self._stage is _Stage.BLOCKED and (self._velocity[2] or not _leads_ahead(self._velocity)):
+        (x, y, turn), ahead = self._velocity, _leads_ahead(self._velocity)
+        if self._stage is _Stage.BLOCKED and (turn or not ahead):
             return
+        if self._stage is not _Stage.BLOCKED and self._goal is None:
+            side = "ahead" if ahead else "behind" if abs(y) < -x else "to the left" if y > 0.0 else "to the right"
+            why = "looking for footsteps" if ahead else "steps up and down are planned ahead only"
+            self._report(f"the ground {side} is not level; {why}")
         self._stage, self._stopped = _Stage.STOP, _bearing(self._velocity)
         self._stack.hold_velocity(*STILL)
         self._stack.stop()
@@ -306,30 +309,28 @@ class GroundWalk:
         if (request := route.request(t)) is not None:
             self._send(request)
         if self._law.route.left:
-            self._say("")
+            self._report("")
         if route.active or self._law.route.left or not self._law.settled:
             return
         if goal is None:
             if route.outcome == "level":
-                self._stage, self._steps = _Stage.BLIND, -1
+                self._go_on()
             else:
-                self._block(route.outcome)
+                self._block()
+                self._report(route.outcome)
         elif route.outcome == "done" and abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > _FACING:
             self._walk_to(goal, _Stage.LAST)
         else:
             self._finish(route.outcome)
 
-    def _block(self, reason: str = "") -> None:
-        """Stand at a velocity, with a reason, or because it does not lead ahead."""
-        x, y, _ = self._velocity
-        side = "behind" if abs(y) < -x else "to the left" if y > 0.0 else "to the right"
+    def _block(self) -> None:
+        """Stand at a velocity, and ask again later."""
         self._stage, self._asked = _Stage.BLOCKED, self._t
-        self._say(reason or f"the ground {side} is not level; turn towards it: footsteps are planned ahead only")
 
-    def _say(self, reason: str) -> None:
-        if reason != self._reason:
-            self._reason = reason
-            self._report(reason)
+    def _go_on(self) -> None:
+        """At the velocity again."""
+        self._report("")
+        self._stage, self._steps = _Stage.BLIND, -1
 
     def _finish(self, outcome: str) -> None:
         self._stage, self._goal, self._poses, self.outcome = _Stage.IDLE, None, [], outcome

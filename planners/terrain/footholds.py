@@ -117,9 +117,10 @@ class GroundPlanner:
         sides = np.arange(-half, half + 1e-6, ground.cell)
         heights = ground.at(_lattice(query.line, ways, sides))
         level = float(np.mean([sole.z for sole in query.feet]))
-        known = ground.values[np.isfinite(ground.values)]
-        lowest = min(float(np.percentile(known, _LOWEST)), level) if len(known) else level
-        off = np.abs(np.where(np.isnan(heights), lowest, heights) - level)
+        unknown = np.isnan(heights)
+        if unknown.any() and len(known := ground.values[np.isfinite(ground.values)]):
+            heights[unknown] = min(float(np.percentile(known, _LOWEST)), level)
+        off = np.abs(heights - level)
         return int((off > LEVEL).sum()) < _STRAY
 
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:

@@ -14,12 +14,7 @@ from std_srvs.srv import Trigger
 
 from models.nodes import topics
 from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
-from models.status import (
-    GaitStatus,
-    MotionState,
-    MotionStatus,
-    SupervisorStatus,
-)
+from models.status import GaitStatus, MotionState, MotionStatus, SupervisorStatus
 from models.types import Mode
 from tests.ros.conftest import StatusTopic
 

@@ -21,11 +21,7 @@ from bridge.ros.processes import ProcessSpec
 from controllers.commands.command_signature import Signer, Verifier
 from models.nodes import topics
 from models.nodes.qos import LATCHED
-from models.status import (
-    GaitStatus,
-    StartStatus,
-    SupervisorStatus,
-)
+from models.status import GaitStatus, StartStatus, SupervisorStatus
 from models.types import Mode
 from tests.ros.client.fake_supervisor import FakeSupervisor
 from tests.ros.conftest import StatusTopic

@@ -25,12 +25,7 @@ from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.nodes.services import PACKAGE
 from models.robot_model import RobotModel
-from models.status import (
-    MotionState,
-    MotionStatus,
-    RouteState,
-    RouteStatus,
-)
+from models.status import MotionState, MotionStatus, RouteState, RouteStatus
 from models.types import Mode
 from tests.ros.client.fake_supervisor import FakeSupervisor
 from tests.ros.conftest import StatusTopic
