@@ -48,6 +48,12 @@ class GaitStatus(Status, frozen=True):
     ready: bool  # the robot can walk
     settled: bool  # it stands still
     limited: str = ""  # how the commanded velocity exceeds the limits of the gait; empty within them
+    blocked: str = ""  # why it stands at a velocity; empty while it does not
+
+    @property
+    def restraint(self) -> str:
+        """Why it does not walk as commanded; empty while it does."""
+        return self.blocked or self.limited
 
 
 class MotionState(Enum):

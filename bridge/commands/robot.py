@@ -85,7 +85,9 @@ def walk(
     forward: Annotated[float | None, typer.Argument(help=r"Velocity forward; negative backward \[m/s].")] = None,
     left: Annotated[float, typer.Argument(help=r"Velocity to the left \[m/s].")] = 0.0,
     turn: Annotated[float, typer.Argument(help=r"Turning speed to the left \[rad/s].")] = 0.0,
-    seconds: Annotated[float, typer.Option(min=0.0, help="How long; then it stops and stands.")] = 5.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.0, help="How long, in time of the robot; then it stops and stands.")
+    ] = 5.0,
     to: Annotated[
         tuple[float, float, float] | None,
         typer.Option(help=r"Walk to x \[m], y \[m] and heading \[rad] in odom instead.", metavar="X Y YAW"),

@@ -65,8 +65,7 @@ class Client:
         motions: Every status of a motion, in order.
         status: Newest status of the supervisor; None before the first.
         driver_state: Newest word on ``driver_state``; empty before the first.
-        limited: How the gait planner limits the commanded velocity; empty while it does not.
-        gait_known: Whether the gait planner has said so.
+        gait: Newest status of the gait planner; None before the first.
         commander: Source in command, of ``commands/active``; empty before the first word.
         factor: Ratio of the robot's time to real time, 0 while it stands still; NaN before the first.
         node: The node, for further topics and services inside the ``with`` block.
@@ -76,8 +75,8 @@ class Client:
         self.namespace = absolute_namespace(namespace)
         self._network, self._signer = network, signer
         self.mode = ""
-        self.driver_state = self.limited = self.commander = ""
-        self.gait_known = False
+        self.driver_state = self.commander = ""
+        self.gait: GaitStatus | None = None
         self.factor = math.nan
         self.motions: list[MotionStatus] = []
         self.status: SupervisorStatus | None = None
@@ -119,7 +118,12 @@ class Client:
         return self.mode == Mode.WALK.value
 
     def _on_gait(self, status: GaitStatus) -> None:
-        self.limited, self.gait_known = status.limited, True
+        self.gait = status
+
+    @property
+    def restraint(self) -> str:
+        """Why the gait planner does not walk as commanded; empty while it does."""
+        return self.gait.restraint if self.gait else ""
 
     def _on_status(self, status: SupervisorStatus) -> None:
         self.status = status
@@ -227,9 +231,9 @@ class Client:
             return CommandReply(found[0].state is not MotionState.REFUSED, f"{text[:32]}: {found[0]}")
         if not answered() or status is None:
             return CommandReply(True, "sent; no answer yet")
-        if text.strip().lower() == STOP or not self.wait(lambda: self._walks and bool(self.limited), LIMITING):
+        if text.strip().lower() == STOP or not self.wait(lambda: self._walks and bool(self.restraint), LIMITING):
             return CommandReply(True, status.answer)
-        return CommandReply(True, f"{status.answer}; {self.limited}")
+        return CommandReply(True, f"{status.answer}; {self.restraint}")
 
     def trigger(
         self, service: str, timeout: float = 5.0, answer_timeout: float | None = None, *, at_once: bool = False
@@ -311,7 +315,7 @@ def overview(client: Client) -> dict[str, str]:
 
     def complete() -> bool:
         real = client.node.count_publishers(topics.START_STATUS) > 0
-        gait = client.gait_known or client.mode != Mode.WALK.value
+        gait = client.gait is not None or client.mode != Mode.WALK.value
         known = client.commander and client.driver_state and gait and not math.isnan(client.factor)
         return bool(known and (start or not real))
 
@@ -324,7 +328,7 @@ def overview(client: Client) -> dict[str, str]:
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
         "real-time factor": "unknown" if math.isnan(client.factor) else f"{client.factor:.2f}",
         "in command": (client.commander or "unknown") + "".join(f"; lock '{lock}' is closed" for lock in status.locks),
-        **({"walk": client.limited} if client.limited else {}),
+        **({"walk": client.restraint} if client.restraint else {}),
         **(start_lines(start[-1]) if start else {}),
         "next": client.paused or next_step(status, start[-1] if start else None),
     }

@@ -20,13 +20,13 @@ from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.interfaces import interface
 from models.nodes.odometry import velocity_from_twist, velocity_to_twist
-from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
+from models.nodes.qos import COMMAND, EVENT, SENSOR
 from models.nodes.services import PACKAGE
 from models.nodes.status import subscribe_status
 from models.status import GaitStatus, MotionState, MotionStatus, RouteState, RouteStatus
 from models.types import CommandReply, Mode, Velocity
 from planners.gait.footsteps import Foothold
-from planners.nodes.footstep_messages import pose_message
+from planners.nodes.footstep_messages import foothold_from_pose, pose_message
 
 PERIOD = 0.05  #: Time between two velocities: ten fit into the time after which the robot stops [s]
 ANSWER_TIMEOUT = 5.0  #: Longest wait for a subscriber, and for the answer to a request that is repeated [s]
@@ -39,12 +39,17 @@ SILENCE = 5.0  #: Time without odometry after which a request ends [s]
 
 
 class RobotClock:
-    """Time of the robot, simulated or real: the newest stamp of its odometry."""
+    """Time of the robot, simulated or real: the newest stamp of its odometry.
+
+    Attributes:
+        place: Where its base is in ``odom``; None before the first message.
+    """
 
     def __init__(self, client: Client) -> None:
         here = partial(client.node.count_publishers, topics.ODOM)
         client.expect(lambda: here() > 0, ANSWER_TIMEOUT, "publisher on", topics.ODOM)
         self._client, self._now, self._received = client, math.nan, time.monotonic()
+        self.place: Foothold | None = None
         name = f"{client.node.get_name()}_clock"
         self._node = Node(name, context=client.node.context, **in_namespace(client.namespace))  # not spun
         self._odometry = self._node.create_subscription(Odometry, topics.ODOM, ignore, SENSOR, raw=True)
@@ -53,8 +58,9 @@ class RobotClock:
     def now(self) -> float:
         """Newest stamp [s], NaN before the first; ``CommandError`` after ``SILENCE``."""
         if (data := newest(self._odometry)) is not None:
-            stamp = deserialize_message(data, Odometry).header.stamp
-            self._now, self._received = 1e-9 * Time.from_msg(stamp).nanoseconds, time.monotonic()
+            message = deserialize_message(data, Odometry)
+            self._now, self._received = 1e-9 * Time.from_msg(message.header.stamp).nanoseconds, time.monotonic()
+            self.place = foothold_from_pose(topics.ODOM, message.pose.pose)
         elif time.monotonic() - self._received > SILENCE:
             why = self._client.paused or "poise status says what the robot does"
             raise CommandError(f"no message on {topics.ODOM} for {SILENCE:g} s: {why}")
@@ -70,8 +76,9 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     """Request mode walk, repeat a velocity for ``seconds`` of the robot's time, stop, and wait until it stands.
 
     ``velocity`` is forward [m/s], left [m/s], turn [rad/s]. The reply is accepted when the robot stands again after the
-    whole time, and followed the velocity at its end; a hold ends the walk. Raises ``CommandError`` without a subscriber
-    or an answer, and when the robot's time stands still, ``MessageError`` when the velocity is not finite.
+    whole time, and followed the velocity at its end, with free way; a hold ends the walk. Raises ``CommandError``
+    without a subscriber or an answer, and when the robot's time stands still, ``MessageError`` when the velocity is not
+    finite.
     """
     message = velocity_to_twist(velocity)
     velocity_from_twist(message)
@@ -91,16 +98,16 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
         return client.commander == PLAIN and (followed[-1] or not any(velocity))
 
     client.expect(ready, ANSWER_TIMEOUT, "subscriber in mode 'walk' on", topics.CMD_VEL)
-    limits: list[str] = []
-    subscribe_status(client.node, GaitStatus, topics.GAIT_STATUS, lambda s: limits.append(s.limited), LATCHED)
     end = clock.now() + seconds
     while (left := end - clock.now()) > 0.0 and client.mode == Mode.WALK.value and not client.holds:
         publisher.publish(message)
         client.spin(min(PERIOD, left))
-    limit = "".join(f"; {text}" for text in limits[-1:] if text)
+    gait = client.gait or GaitStatus(ready=True, settled=True)
+    limit = gait.limited and f"; {gait.limited}"
     ended = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
     if not ended and seconds and client.mode == Mode.WALK.value and not client.wait(follows, LIMITING):
         ended = f"the robot does not follow the velocity: {_reasons(client)}"
+    ended = ended or gait.blocked
     stood = _stand(client, clock, ended or f"walked for {seconds:g} s{limit}")
     return CommandReply(stood.accepted and not ended, stood.reason)
 
@@ -191,8 +198,12 @@ def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
     if not reply.accepted:
         return reply
     if clock.wait(lambda: client.mode == Mode.STAND.value, STANDSTILL_TIMEOUT):
-        return CommandReply(True, f"{outcome}; mode '{client.mode}'")
+        return CommandReply(True, f"{outcome}{_at(clock.place)}; mode '{client.mode}'")
     return CommandReply(False, f"{outcome}, but does not stand {STANDSTILL_TIMEOUT:g} s later: mode '{client.mode}'")
+
+
+def _at(place: Foothold | None) -> str:
+    return f"; at x {place.x:.2f} m, y {place.y:.2f} m, heading {place.yaw:.2f} rad" if place else ""
 
 
 def _end_of_walk(client: Client) -> str:

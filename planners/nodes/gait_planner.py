@@ -93,7 +93,7 @@ class GaitTopics:
 
     def _report(self) -> None:
         present, still = self._word != topics.GAIT_ABSENT, self._word in (topics.GAIT_SETTLED, topics.GAIT_ABSENT)
-        self._publish_status(GaitStatus(present, still, self._blocked or self._limited))
+        self._publish_status(GaitStatus(present, still, self._limited, self._blocked))
 
     def publish(self, stamp: int) -> None:
         """Publish what is due at a stamp [ns]."""

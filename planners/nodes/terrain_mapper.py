@@ -1,5 +1,6 @@
 """Node ``terrain_mapper``: point clouds and odometry in, elevation map and planar patches of the ground out."""
 
+import math
 import time
 from bisect import bisect_right
 from collections import deque
@@ -32,6 +33,7 @@ from planners.terrain.given_map import load_given_map
 from planners.terrain.mapper import Posture, TerrainMapper
 
 HISTORY = 1.0  #: Age of the oldest state that is kept for a cloud [s]
+_LOST = 1.0  #: Time in which points without a state are only counted [s]
 
 
 class _History:
@@ -119,7 +121,8 @@ class TerrainMapperNode(PoiseNode):
     def activate(self) -> None:
         self._law.reset()
         self._due = [0, 0]  # stamps of the next map and patches [ns]
-        self._took, self._clouds = 0.0, 0
+        self._took, self._clouds, self._stateless = 0.0, 0, 0
+        self._used: dict[str, float] = {}  # stamp of the last points of each sensor that had a state [s]
 
     def _on_odometry(self, data: bytes) -> None:
         stamp = stamp_of(data)
@@ -143,11 +146,15 @@ class TerrainMapperNode(PoiseNode):
         stamp = stamp_ns(message.header.stamp)
         around = self._around(stamp)
         if absent := [topic for topic, found in around.items() if found is None]:
+            self._stateless += 1
+            self.values["points without a state"] = str(self._stateless)
+            if abs(to_seconds(stamp) - self._used.get(message.header.frame_id, -math.inf)) < _LOST:
+                return  # the next ones have one
             raise MessageError(f"no {', '.join(absent)} within {self._tolerance / 1e9:g} s of the points")
         posture = self._posture(around)
         if posture is None:
             return
-        begin = time.monotonic()
+        self._used[message.header.frame_id], begin = to_seconds(stamp), time.monotonic()
         self._law.update(cloud_from_message(message), posture)
         self._took, self._clouds = time.monotonic() - begin, self._clouds + 1
         self._publish(stamp)

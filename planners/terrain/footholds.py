@@ -28,6 +28,9 @@ _SOON = 1.0  #: A plan that ends before this way is compared with those beside i
 _LOWEST = 1.0  #: Of the known ground that counts as its lowest [%]
 _STRAY = 6  #: Cells off a level from which on it is none
 _CHANGED = 0.1  #: Share of the ground of a step that is off its plan from which on the plan is void [-]
+_STRIP = 0.4  #: Share of the ground ahead of the feet that must be known to count for the height of theirs [-]
+_EVEN = 0.005  #: Its deviation from a plane, at most [m]
+_ERROR = 0.05  #: Height of that plane above or below the feet up to which it is an error [m]
 _AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason why it cannot go on [m]
 
 
@@ -65,6 +68,7 @@ class GroundPlanner:
         Where they end soon they are planned beside the line, too: wide soles stand on both sides of a gap along the
         way. Such a plan is used where nothing is too high for a step between it and the line.
         """
+        ground = self._from_feet(ground, query)
         found, way = self._plan_along(ground, query, query.line)
         begin = max(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
         if not found.reason or way >= begin + _SOON:
@@ -94,7 +98,7 @@ class GroundPlanner:
         places = Places(ways, sides, self._ground.survey(ground, line, ways, sides))
         if places.farthest < least:
             return GroundPlan([], ""), -math.inf
-        known = bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in query.feet]))).any())
+        known = self._known(ground, query)
         found = self._search.steps(places, at, query.foot, known=known, distance=query.distance)
         steps = self._checked([_footstep(line, places, step) for step in found], query.feet)
         feet = list(query.feet)
@@ -125,6 +129,7 @@ class GroundPlanner:
 
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:
         """Whether the ground under, between or beside the planned footsteps has changed since their plan."""
+        ground = self._from_feet(ground, query)
         feet, points = list(query.feet), self._ground.points
         for step in query.planned:
             last, hold = feet[step.foot], step.hold
@@ -142,6 +147,33 @@ class GroundPlanner:
             if (ground.at(between) > max(last.z, hold.z) + step.over + LEVEL).mean() > _CHANGED:
                 return True
         return False
+
+    def _from_feet(self, ground: Heights, query: GroundQuery) -> Heights:
+        """The ground from the height of the feet: only differences from there matter, whatever error map or feet have.
+
+        Where none is known under them, a plane right ahead of them counts that leads to them up to a small error.
+        """
+        here = np.zeros(1)
+        soles = [(sole, self._ground.survey(ground, sole, here, here)) for sole in query.feet]
+        errors = [float(survey.height[0, 0]) - sole.z for sole, survey in soles if survey.fits[0, 0] == 1]
+        if not errors and not self._known(ground, query):
+            x, y = self._ground.points.T
+            ways, sides = x.max() + np.arange(0.0, _STRIDE, ground.cell), np.unique(y)
+            strip = np.concatenate([_lattice(sole, ways, sides) for sole in query.feet])
+            heights = ground.at(strip)
+            known = np.isfinite(heights)
+            if known.mean() >= _STRIP:
+                places = np.column_stack([strip[known], np.ones(known.sum())])
+                plane = np.linalg.lstsq(places, heights[known], rcond=None)[0]
+                errors = [float(plane @ (sole.x, sole.y, 1.0)) - sole.z for sole in query.feet]
+                even = (places @ plane - heights[known]).std() <= _EVEN
+                errors = errors if even and max(map(abs, errors)) <= _ERROR else []
+        return ground._replace(values=ground.values - np.mean(errors)) if errors else ground
+
+    @staticmethod
+    def _known(ground: Heights, query: GroundQuery) -> bool:
+        """Whether the ground in the middle of a sole is known."""
+        return bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in query.feet]))).any())
 
     def _checked(self, steps: list[Footstep], feet: Sequence[Foothold]) -> list[Footstep]:
         """The steps, or none where the gait would refuse them: feet that are turned from the line, too steep ground."""
@@ -162,7 +194,7 @@ class GroundPlanner:
             way = "higher" if rise > 0.0 else "lower"
             return f"the ground ahead is {abs(rise):.2f} m {way}, at most {reach.rise:.2f} m"
         if np.isnan(rises).any():
-            return "the ground ahead is not known"
+            return "the ground ahead is not known, perhaps an edge: turn, or walk another way"
         why = f"no room for a sole up to {reach.forward:.2f} m ahead"
         over = float(rises.max())
         most = self._limits.over

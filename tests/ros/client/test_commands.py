@@ -68,7 +68,7 @@ def test_the_overview_waits_for_the_limit_of_a_walk(supervisor: FakeSupervisor) 
     supervisor.commander.publish(String(data="plain"))
     supervisor.factor.publish(Float64(data=1.0))
     StatusTopic(supervisor, topics.START_STATUS, LATCHED).publish(StartStatus("standing"))
-    late = threading.Timer(0.5, lambda: supervisor.gait.publish(GaitStatus(True, False, "stopped: a kerb")))
+    late = threading.Timer(0.5, lambda: supervisor.gait.publish(GaitStatus(True, False, blocked="stopped: a kerb")))
     late.start()
     with Client() as client:
         client.wait(lambda: bool(client.commander and not math.isnan(client.factor)), 10.0)

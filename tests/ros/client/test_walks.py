@@ -25,7 +25,7 @@ from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.nodes.services import PACKAGE
 from models.robot_model import RobotModel
-from models.status import MotionState, MotionStatus, RouteState, RouteStatus
+from models.status import GaitStatus, MotionState, MotionStatus, RouteState, RouteStatus
 from models.types import Mode
 from tests.ros.client.fake_supervisor import FakeSupervisor
 from tests.ros.conftest import StatusTopic
@@ -38,7 +38,7 @@ def test_a_walk_that_is_held_is_reported(supervisor: FakeSupervisor) -> None:
     with Client() as client:
         client.robot()
         reply = walk.walk(client, (0.2, 0.0, 0.0), 5.0)
-    assert not reply.accepted and reply.reason.startswith("the walk was held after 0.0 s: held; mode 'stand'")
+    assert not reply.accepted and reply.reason.startswith("the walk was held after 0.0 s: held; at x ")
 
 
 def test_the_fall_that_ended_a_walk_is_reported(supervisor: FakeSupervisor) -> None:
@@ -89,6 +89,17 @@ def test_a_walk_that_the_robot_does_not_follow_is_reported(
         reply = walk.walk(client, (0.2, 0.0, 0.0), 0.5)
     assert reply.accepted is not bool(reason) and reason in reply.reason
     other.destroy_node()
+
+
+def test_a_walk_that_the_ground_blocks_says_why_and_where(supervisor: FakeSupervisor) -> None:
+    supervisor.record = replace(supervisor.record, holds=())
+    supervisor.asked.linear.x = 0.2
+    supervisor.commander.publish(String(data="plain"))
+    supervisor.gait.publish(GaitStatus(True, False, "forward 9 limited to 1.2", "stopped: a kerb"))
+    with Client() as client:
+        reply = walk.walk(client, (0.2, 0.0, 0.0), 0.5)
+    place = "at x 0.00 m, y 0.00 m, heading 0.00 rad"
+    assert (reply.accepted, reply.reason) == (False, f"stopped: a kerb; {place}; mode 'stand'")
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])

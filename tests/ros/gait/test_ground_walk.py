@@ -52,7 +52,7 @@ class Guided(StandingGait):
         self.plans = world.create_publisher(UInt8MultiArray, topics.GROUND_PLAN, EVENT)
         subscribe_status(world, RouteStatus, topics.ROUTE_STATUS, self.routes.append)
         subscribe_status(
-            world, GaitStatus, topics.GAIT_STATUS, lambda status: self.limits.append(status.limited), LATCHED
+            world, GaitStatus, topics.GAIT_STATUS, lambda status: self.limits.append(status.restraint), LATCHED
         )
         if planner:
             world.create_subscription(

@@ -262,6 +262,25 @@ def test_points_of_no_known_state_or_frame_are_refused(bench: Any, g1: RobotMode
     assert "frame: 'gaze'" in mapper.values["last refusal"]
 
 
+def test_single_points_without_a_state_are_only_counted(bench: Any, g1: RobotModel) -> None:
+    mapper = bench.add(TerrainMapperNode, reliable=False)
+    publisher = bench.world.create_publisher(PointCloud2, topics.DEPTH_POINTS, SENSOR)
+    bench.wait(publisher.get_subscription_count)
+    world = World(bench, g1)
+    world.until(lambda: mapper._joints.newest == world.stamp)
+
+    def send(stamp: int) -> None:
+        publisher.publish(cloud_message(stamp, PointCloud(0.0, DEPTH_FRAME, np.zeros((3, 3)))))
+
+    send(world.stamp)
+    bench.wait(lambda: mapper._clouds == 1)
+    send(world.stamp + 500 * MS)
+    bench.wait(lambda: mapper.values.get("points without a state") == "1")
+    assert mapper.counters[f"refused {topics.DEPTH_POINTS}"] == 0
+    send(world.stamp + 1500 * MS)
+    bench.wait(lambda: mapper.counters[f"refused {topics.DEPTH_POINTS}"] == 1)
+
+
 def test_states_are_those_of_the_stamp(bench: Any, g1: RobotModel) -> None:
     """Poses and angles between two ticks, contacts of the nearer one; none in a hole, though states are around it.
 
