@@ -1,6 +1,5 @@
 """Node ``terrain_mapper``: point clouds and odometry in, elevation map and planar patches of the ground out."""
 
-import math
 import time
 from bisect import bisect_right
 from collections import deque
@@ -122,7 +121,7 @@ class TerrainMapperNode(PoiseNode):
         self._law.reset()
         self._due = [0, 0]  # stamps of the next map and patches [ns]
         self._took, self._clouds, self._stateless = 0.0, 0, 0
-        self._used: dict[str, float] = {}  # stamp of the last points of each sensor that had a state [s]
+        self._used: dict[str, float] = {}  # stamp of the last points of each sensor that had a state, or its first [s]
 
     def _on_odometry(self, data: bytes) -> None:
         stamp = stamp_of(data)
@@ -148,7 +147,7 @@ class TerrainMapperNode(PoiseNode):
         if absent := [topic for topic, found in around.items() if found is None]:
             self._stateless += 1
             self.values["points without a state"] = str(self._stateless)
-            if abs(to_seconds(stamp) - self._used.get(message.header.frame_id, -math.inf)) < _LOST:
+            if abs(to_seconds(stamp) - self._used.setdefault(message.header.frame_id, to_seconds(stamp))) < _LOST:
                 return  # the next ones have one
             raise MessageError(f"no {', '.join(absent)} within {self._tolerance / 1e9:g} s of the points")
         posture = self._posture(around)

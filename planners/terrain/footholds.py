@@ -28,7 +28,8 @@ _SOON = 1.0  #: A plan that ends before this way is compared with those beside i
 _LOWEST = 1.0  #: Of the known ground that counts as its lowest [%]
 _STRAY = 6  #: Cells off a level from which on it is none
 _CHANGED = 0.1  #: Share of the ground of a step that is off its plan from which on the plan is void [-]
-_STRIP = 0.4  #: Share of the ground ahead of the feet that must be known to count for the height of theirs [-]
+_VIEW = 0.6  #: How far ahead of the toes ground counts for the height under the feet [m]
+_STRIP = 0.4  #: Share of it that must be known [-]
 _EVEN = 0.005  #: Its deviation from a plane, at most [m]
 _ERROR = 0.05  #: Height of that plane above or below the feet up to which it is an error [m]
 _AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason why it cannot go on [m]
@@ -158,7 +159,7 @@ class GroundPlanner:
         errors = [float(survey.height[0, 0]) - sole.z for sole, survey in soles if survey.fits[0, 0] == 1]
         if not errors and not self._known(ground, query):
             x, y = self._ground.points.T
-            ways, sides = x.max() + np.arange(0.0, _STRIDE, ground.cell), np.unique(y)
+            ways, sides = x.max() + np.arange(0.0, _VIEW, ground.cell), np.unique(y)
             strip = np.concatenate([_lattice(sole, ways, sides) for sole in query.feet])
             heights = ground.at(strip)
             known = np.isfinite(heights)

@@ -252,7 +252,9 @@ def test_points_of_no_known_state_or_frame_are_refused(bench: Any, g1: RobotMode
     mapper = bench.add(TerrainMapperNode, reliable=False)
     publisher = bench.world.create_publisher(PointCloud2, topics.DEPTH_POINTS, SENSOR)
     bench.wait(publisher.get_subscription_count)
-    publisher.publish(cloud_message(MS, PointCloud(0.0, DEPTH_FRAME, np.zeros((3, 3)))))
+    for count, stamp in enumerate((MS, 2000 * MS), 1):
+        publisher.publish(cloud_message(stamp, PointCloud(0.0, DEPTH_FRAME, np.zeros((3, 3)))))
+        bench.wait(lambda n=count: mapper.values.get("points without a state") == str(n))
     bench.wait(lambda: mapper.counters[f"refused {topics.DEPTH_POINTS}"] == 1)
     assert "no odom, joint_states, contacts within 0.02 s of the points" in mapper.values["last refusal"]
     world = World(bench, g1)
