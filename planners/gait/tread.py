@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
 
-from models.errors import UnreachableError
 from models.numerics.compiled import register_jitable
-from models.numerics.hull import convex_hull
 from models.types import Matrix
 from planners.gait.footsteps import Foothold, Point, rotated, wrap
 
@@ -21,7 +18,6 @@ PEAK = 10.0 / math.sqrt(3.0)  #: Largest acceleration of a quintic from rest to 
 ANYWHERE = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])  #: Bounds of a place that has none (2, 2) [m]
 _OVER = 0.01  #: By which a sole that is turned may come nearer to the edges than its room has it [m]
 _HALVINGS = 20  #: Of the time at which a quintic has covered a share of its way
-_ALONG = 1e-9  #: Least cosine between a direction and an edge's normal for the edge to bound the way [-]
 
 
 class Tread(Struct, frozen=True):
@@ -34,31 +30,6 @@ class Tread(Struct, frozen=True):
     def height(self, hold: Foothold, x: float, y: float) -> float:
         """Height of the ground at a point of W, with the foothold ``hold`` on it [m]."""
         return hold.z + self.slope[0] * (x - hold.x) + self.slope[1] * (y - hold.y)
-
-
-def room_on(polygon: Matrix, hold: Foothold, rectangle: Sequence[float]) -> Room:
-    """How far a sole may move on a convex polygon (n, 2) in W [m], its points in any order.
-
-    Of a sole ``rectangle`` (x_min, x_max, y_min, y_max) [m]. Raises ``UnreachableError`` when it is not on the polygon.
-    """
-    count = len(polygon)
-    hull = np.zeros((2 * count + 4, 2))
-    corners = hull[: convex_hull(np.ascontiguousarray(polygon, dtype=float), hull)]
-    local = np.array([hold.relative(x, y) for x, y in corners.tolist()])
-    edges = np.roll(local, -1, axis=0) - local
-    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
-    sole = np.array([(rectangle[i], rectangle[j]) for i in (0, 1) for j in (2, 3)])
-    left = np.einsum("ij,ij->i", normals, local) - (sole @ normals.T).max(axis=0)  # from the sole to each edge
-    if left.min() < 0.0:
-        raise UnreachableError(f"the sole reaches {-left.min():.3f} m over the edge of its polygon")
-    ways = np.array([(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
-    towards = normals @ ways.T  # (edges, 4)
-    room = np.where(towards > _ALONG, left[:, None] / np.maximum(towards, _ALONG), np.inf).min(axis=0)
-    box = np.array([(room[1] if i else -room[0], room[3] if j else -room[2]) for i in (0, 1) for j in (0, 1)])
-    reached = (box @ normals.T).max(axis=0)
-    share = float(np.minimum(1.0, left / np.maximum(reached, _ALONG)).min())
-    back, forward, right, other = (share * room).tolist()
-    return back, forward, right, other
 
 
 def bounds_in(stance: Foothold, hold: Foothold, tread: Tread | None) -> Matrix:

@@ -17,7 +17,7 @@ from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep, check_footsteps, footstep_of, route_over, soles_at
 from planners.gait.scaling import load_gait_config
 from planners.gait.swing import SwingFoot
-from planners.gait.tread import Tread, bounds_in, clearance_over, room_on, swing_shares
+from planners.gait.tread import Tread, bounds_in, clearance_over, swing_shares
 from planners.terrain.stairs import Stairs, stair_footsteps
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 from tests.support import standing
@@ -67,36 +67,6 @@ def test_steps_survive_as_numbers() -> None:
     for tread in (None, Tread((0.1, -0.2)), Tread((0.0, 0.1), (0.1, 0.2, 0.3, 0.4), 0.1), Tread(over=0.1)):
         made = Footstep(RIGHT, Foothold(1.0, 2.0, 0.3, 0.4), tread)
         assert footstep_of(*made.values) == made
-
-
-def corners(hold: Foothold, back: float, forward: float, right: float, left: float) -> list[tuple[float, float]]:
-    """Corners of a rectangle about a foothold, in W."""
-    return [hold.moved(x, y) for x in (-back, forward) for y in (-right, left)]
-
-
-@pytest.mark.parametrize("turn", [0.0, 0.2, -0.4])
-def test_everywhere_in_its_room_the_sole_is_on_the_polygon(turn: float) -> None:
-    tread = Foothold(1.0, 0.5, 0.3)
-    polygon = np.array(corners(tread, 0.15, 0.2, 0.3, 0.25))
-    hold = Foothold(*tread.moved(0.01, 0.02), tread.yaw + turn)
-    room = room_on(polygon[::-1], hold, RECTANGLE)
-    x_min, x_max, y_min, y_max = RECTANGLE
-    touching = 0
-    for x, y in corners(hold, *room):
-        moved = Foothold(x, y, hold.yaw)
-        places = [tread.relative(*corner) for corner in corners(moved, -x_min, x_max, -y_min, y_max)]
-        reached = np.array(places)
-        least, most = reached.min(axis=0), reached.max(axis=0)
-        assert (least >= (-0.15 - 1e-9, -0.3 - 1e-9)).all() and (most <= (0.2 + 1e-9, 0.25 + 1e-9)).all()
-        touching += bool(np.isclose(least, (-0.15, -0.3)).any() or np.isclose(most, (0.2, 0.25)).any())
-    assert touching  # there is no more room
-    if turn == 0.0:
-        assert room == pytest.approx((0.11, 0.07, 0.295, 0.205))
-
-
-def test_a_sole_beside_its_polygon_is_refused() -> None:
-    with pytest.raises(UnreachableError, match=r"0\.020 m over the edge"):
-        room_on(np.array(corners(ORIGIN, 0.2, 0.1, 0.2, 0.2)), ORIGIN, RECTANGLE)
 
 
 def test_a_step_is_adjusted_within_its_tread() -> None:
