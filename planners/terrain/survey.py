@@ -125,11 +125,24 @@ def _fit_planes(
     """Planes through the ground at points (k, 2) around each place; see ``Survey``."""
     shape, found = (len(grid.ways), len(grid.sides)), np.empty(len(points))
     fits, planes, bounds = np.zeros(shape, np.int8), np.zeros((*shape, 3)), np.empty((*shape, 2))
+    heights, (x_min, y_min), (x0, y0, c, s) = grid.heights, grid.corner, grid.line
+    along, across = np.empty((len(points), 2)), np.empty((len(grid.sides), len(points), 2))
+    for j in range(shape[1]):
+        for k in range(len(points)):
+            side = grid.sides[j] + points[k, 1]
+            across[j, k, 0], across[j, k, 1] = s * side, c * side
     for i in range(shape[0]):
+        for k in range(len(points)):
+            way = grid.ways[i] + points[k, 0]
+            along[k, 0], along[k, 1] = x0 + c * way, y0 + s * way
         for j in range(shape[1]):
             known, low, high = True, np.inf, -np.inf
             for k in range(len(points)):
-                found[k] = _height_at(grid, grid.ways[i] + points[k, 0], grid.sides[j] + points[k, 1])
+                x = math.floor((along[k, 0] - across[j, k, 0] - x_min) / grid.cell)
+                y = math.floor((along[k, 1] + across[j, k, 1] - y_min) / grid.cell)
+                found[k] = math.nan
+                if 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]:
+                    found[k] = heights[x, y]
                 if math.isnan(found[k]):
                     known = False
                 else:
@@ -196,16 +209,16 @@ def _walls(
     More than 1 where higher ground at any of the points ``across`` the sole (k,) [m] is within the leg.
     """
     wall = np.zeros(fits.shape)
-    nearest, farthest = leg[0], leg[-1] + np.array((-_WALL, _WALL))
+    nearest = leg[0]
     for i in range(len(grid.ways)):
         for j in range(len(grid.sides)):
             if fits[i, j] <= 0:
                 continue
             for k in range(-1, len(across)):
-                beside = across[k] if k >= 0 else 0.0
+                beside, beyond = (across[k], 0.0) if k >= 0 else (0.0, _WALL)
                 for side, sign in ((0, -1.0), (1, 1.0)):
-                    ahead = nearest[side]
-                    while sign * (farthest[side] - ahead) > 0.0:
+                    ahead, farthest = nearest[side], leg[-1, side] + sign * beyond
+                    while sign * (farthest - ahead) > 0.0:
                         ahead += sign * 0.5 * grid.cell
                         above = _height_at(grid, grid.ways[i] + ahead, grid.sides[j] + beside)
                         above -= planes[i, j, 2] + planes[i, j, 0] * ahead + planes[i, j, 1] * beside
