@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, Positive, load_config
@@ -57,7 +57,9 @@ def load_given_map(file: Path) -> Heights:
         with Image.open(image) as opened:
             pixels = np.asarray(opened, dtype=np.int64)
             mode = opened.mode
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+    except OSError as error:  # also UnidentifiedImageError
+        raise ConfigError(f"{file}: image: {image}: {error.strerror or 'not an image'}") from None
+    except Image.DecompressionBombError as error:
         raise ConfigError(f"{file}: image: {error}") from None
     if not mode.startswith("I") or pixels.ndim != 2:
         raise ConfigError(f"{file}: image: {image} has pixels of mode '{mode}'; save it as a 16-bit grey PNG")
@@ -85,5 +87,5 @@ def save_given_map(file: Path, ground: Heights) -> Path:
         Image.fromarray(np.ascontiguousarray(pixels.T[::-1])).save(image)
         file.write_text(yaml.safe_dump(lines, sort_keys=False), encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"{file}: {error}") from None
+        raise ConfigError(f"{file}: cannot be written: {error.strerror or error}") from None
     return image

@@ -35,9 +35,9 @@ def test_a_map_survives_its_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "reason"),
     [
-        ("image: none.png", "No such file"),
+        ("image: none.png", "none.png: No such file"),
         ("image: grey.png", "pixels of mode 'L'; save it as a 16-bit grey PNG"),
-        ("image: text.png", "cannot identify image file"),
+        ("image: text.png", "text.png: not an image"),
         ("image: grey.png\nheight: 1", "height"),
         ("image: grey.png\nheights: [1.0, 1.0]", "the first is not lower"),
         ("image: grey.png\norigin: [0.0, 0.0, 0.5]", "yaw, must be 0"),
