@@ -48,7 +48,7 @@ class GaitStatus(Status, frozen=True):
     ready: bool  # the robot can walk
     settled: bool  # it stands still
     limited: str = ""  # how the commanded velocity exceeds the limits of the gait; empty within them
-    blocked: str = ""  # why it stands at a velocity; empty while it does not
+    blocked: str = ""  # why it stops at a velocity, or stands, in front of ground; empty while it does not
 
     @property
     def restraint(self) -> str:

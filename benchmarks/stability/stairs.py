@@ -256,7 +256,7 @@ def walk_on_sight(loop: ClosedLoop, distance: float, sight: Sight | None = None)
     latest, answers = loop.t + config.limit, list[tuple[float, Answer]]()
     while loop.t < latest and not loop.fallen and route.active:
         if (request := route.request(loop.t)) is not None:
-            ground = sight.ground()
+            ground = planner.corrected(sight.ground(), request.query)
             plan, blocked = planner.plan(ground, request.query), planner.blocked(ground, request.query)
             answer = Answer(request.number, tuple(plan.steps), plan.reason, blocked=blocked)
             answers.append((loop.t + config.plan_delay, answer))

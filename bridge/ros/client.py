@@ -123,7 +123,7 @@ class Client:
 
     @property
     def restraint(self) -> str:
-        """Why the gait planner does not walk as commanded; empty while it does."""
+        """``GaitStatus.restraint``; empty before the first status."""
         return self.gait.restraint if self.gait else ""
 
     def _on_status(self, status: SupervisorStatus) -> None:

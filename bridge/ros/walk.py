@@ -16,14 +16,14 @@ from bridge.ros.client import LIMITING, Client, next_step, open_locks
 from bridge.ros.environment import ignore, newest
 from bridge.ros.processes import in_namespace
 from controllers.commands.arbitration import NO_SOURCE, PLAIN
-from models.errors import CommandError
+from models.errors import CommandError, MessageError
 from models.nodes import topics
 from models.nodes.interfaces import interface
 from models.nodes.odometry import velocity_from_twist, velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT, SENSOR
 from models.nodes.services import PACKAGE
 from models.nodes.status import subscribe_status
-from models.status import GaitStatus, MotionState, MotionStatus, RouteState, RouteStatus
+from models.status import MotionState, MotionStatus, RouteState, RouteStatus
 from models.types import CommandReply, Mode, Velocity
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import foothold_from_pose, pose_message
@@ -39,17 +39,13 @@ SILENCE = 5.0  #: Time without odometry after which a request ends [s]
 
 
 class RobotClock:
-    """Time of the robot, simulated or real: the newest stamp of its odometry.
-
-    Attributes:
-        place: Where its base is in ``odom``; None before the first message.
-    """
+    """Time of the robot, simulated or real: the newest stamp of its odometry."""
 
     def __init__(self, client: Client) -> None:
         here = partial(client.node.count_publishers, topics.ODOM)
         client.expect(lambda: here() > 0, ANSWER_TIMEOUT, "publisher on", topics.ODOM)
         self._client, self._now, self._received = client, math.nan, time.monotonic()
-        self.place: Foothold | None = None
+        self._odometry_message: Odometry | None = None
         name = f"{client.node.get_name()}_clock"
         self._node = Node(name, context=client.node.context, **in_namespace(client.namespace))  # not spun
         self._odometry = self._node.create_subscription(Odometry, topics.ODOM, ignore, SENSOR, raw=True)
@@ -60,11 +56,19 @@ class RobotClock:
         if (data := newest(self._odometry)) is not None:
             message = deserialize_message(data, Odometry)
             self._now, self._received = 1e-9 * Time.from_msg(message.header.stamp).nanoseconds, time.monotonic()
-            self.place = foothold_from_pose(topics.ODOM, message.pose.pose)
+            self._odometry_message = message
         elif time.monotonic() - self._received > SILENCE:
             why = self._client.paused or "poise status says what the robot does"
             raise CommandError(f"no message on {topics.ODOM} for {SILENCE:g} s: {why}")
         return self._now
+
+    def place(self) -> str:
+        """Where the base is in ``odom``, in words; empty without a valid message."""
+        try:
+            base = self._odometry_message and foothold_from_pose(topics.ODOM, self._odometry_message.pose.pose)
+        except MessageError:
+            return ""
+        return f"; base at x {base.x:.2f} m, y {base.y:.2f} m, heading {base.yaw:.2f} rad" if base else ""
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
         """As ``Client.wait``, with a ``timeout`` in time of the robot [s]."""
@@ -76,9 +80,9 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     """Request mode walk, repeat a velocity for ``seconds`` of the robot's time, stop, and wait until it stands.
 
     ``velocity`` is forward [m/s], left [m/s], turn [rad/s]. The reply is accepted when the robot stands again after the
-    whole time, and followed the velocity at its end, with free way; a hold ends the walk. Raises ``CommandError``
-    without a subscriber or an answer, and when the robot's time stands still, ``MessageError`` when the velocity is not
-    finite.
+    whole time, and at its end followed the velocity and was not blocked by the ground; a hold ends the walk. Raises
+    ``CommandError`` without a subscriber or an answer, and when the robot's time stands still, ``MessageError`` when
+    the velocity is not finite.
     """
     message = velocity_to_twist(velocity)
     velocity_from_twist(message)
@@ -92,7 +96,8 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     publisher = client.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
 
     def ready() -> bool:
-        return publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value and bool(followed)
+        known = client.gait is not None and bool(followed)
+        return publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value and known
 
     def follows() -> bool:
         return client.commander == PLAIN and (followed[-1] or not any(velocity))
@@ -102,7 +107,8 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     while (left := end - clock.now()) > 0.0 and client.mode == Mode.WALK.value and not client.holds:
         publisher.publish(message)
         client.spin(min(PERIOD, left))
-    gait = client.gait or GaitStatus(ready=True, settled=True)
+    gait = client.gait
+    assert gait is not None  # see ``ready``
     limit = gait.limited and f"; {gait.limited}"
     ended = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
     if not ended and seconds and client.mode == Mode.WALK.value and not client.wait(follows, LIMITING):
@@ -198,12 +204,8 @@ def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
     if not reply.accepted:
         return reply
     if clock.wait(lambda: client.mode == Mode.STAND.value, STANDSTILL_TIMEOUT):
-        return CommandReply(True, f"{outcome}{_at(clock.place)}; mode '{client.mode}'")
+        return CommandReply(True, f"{outcome}{clock.place()}; mode '{client.mode}'")
     return CommandReply(False, f"{outcome}, but does not stand {STANDSTILL_TIMEOUT:g} s later: mode '{client.mode}'")
-
-
-def _at(place: Foothold | None) -> str:
-    return f"; at x {place.x:.2f} m, y {place.y:.2f} m, heading {place.yaw:.2f} rad" if place else ""
 
 
 def _end_of_walk(client: Client) -> str:

@@ -75,6 +75,7 @@ class GroundPlannerNode(PoiseNode):
 
     def _answer(self, request: Request, ground: Heights, stamp: float) -> Answer:
         query = request.query
+        ground = self._law.corrected(ground, query)
         if request.around:
             try:
                 poses = detour(ground, query.line, query.distance, self._clearance)

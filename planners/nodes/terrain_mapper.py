@@ -4,6 +4,7 @@ import time
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from planners.terrain.given_map import load_given_map
 from planners.terrain.mapper import Posture, TerrainMapper
 
 HISTORY = 1.0  #: Age of the oldest state that is kept for a cloud [s]
-_LOST = 1.0  #: Time in which points without a state are only counted [s]
+_LOST = 1.0  #: Time since the last points with a state in which others are only counted [s]
 
 
 class _History:
@@ -112,16 +113,15 @@ class TerrainMapperNode(PoiseNode):
         )
         self.listen_start(self._law.reset)  # set upright somewhere: the ground there is another
         sensors, qos = self.model.profile.sensors, COMMAND if self._reliable else SENSOR
-        if sensors.depth is not None:
-            self.listen(PointCloud2, topics.DEPTH_POINTS, self._on_cloud, qos, while_active=True)
-        if sensors.lidar is not None:
-            self.listen(PointCloud2, topics.LIDAR_POINTS, self._on_cloud, qos, while_active=True)
+        for topic, sensor in ((topics.DEPTH_POINTS, sensors.depth), (topics.LIDAR_POINTS, sensors.lidar)):
+            if sensor is not None:
+                self.listen(PointCloud2, topic, partial(self._on_cloud, topic), qos, while_active=True)
 
     def activate(self) -> None:
         self._law.reset()
         self._due = [0, 0]  # stamps of the next map and patches [ns]
         self._took, self._clouds, self._stateless = 0.0, 0, 0
-        self._used: dict[str, float] = {}  # stamp of the last points of each sensor that had a state, or its first [s]
+        self._matched: dict[str, float] = {}  # monotonic time of each topic's last points that had a state [s]
 
     def _on_odometry(self, data: bytes) -> None:
         stamp = stamp_of(data)
@@ -141,21 +141,21 @@ class TerrainMapperNode(PoiseNode):
     def _on_contacts(self, message: Any) -> None:
         self._coming = contacts_from_message(message)  # without a stamp, published before the odometry of their tick
 
-    def _on_cloud(self, message: Any) -> None:
+    def _on_cloud(self, topic: str, message: Any) -> None:
         stamp = stamp_ns(message.header.stamp)
         around = self._around(stamp)
         if absent := [topic for topic, found in around.items() if found is None]:
             self._stateless += 1
-            self.values["points without a state"] = str(self._stateless)
-            if abs(to_seconds(stamp) - self._used.setdefault(message.header.frame_id, to_seconds(stamp))) < _LOST:
-                return  # the next ones have one
+            if time.monotonic() - self._matched.setdefault(topic, time.monotonic()) < _LOST:
+                return  # under load one of the three is late, now and then
             raise MessageError(f"no {', '.join(absent)} within {self._tolerance / 1e9:g} s of the points")
         posture = self._posture(around)
         if posture is None:
             return
-        self._used[message.header.frame_id], begin = to_seconds(stamp), time.monotonic()
+        begin = time.monotonic()
         self._law.update(cloud_from_message(message), posture)
-        self._took, self._clouds = time.monotonic() - begin, self._clouds + 1
+        self._matched[topic] = time.monotonic()
+        self._took, self._clouds = self._matched[topic] - begin, self._clouds + 1
         self._publish(stamp)
 
     def _around(self, stamp: int) -> dict[str, Any]:
@@ -216,6 +216,7 @@ class TerrainMapperNode(PoiseNode):
             self.message = "the given map does not have the ground below the robot: see its origin"
         self.values |= {
             "clouds": str(self._clouds),
+            "points without a state": str(self._stateless),
             "newest cloud took [ms]": f"{1e3 * self._took:.1f}",
             "known cells": f"{law.map.known.mean():.2f}",
             "sole above the map [mm]": f"{1e3 * law.residual:.1f}",

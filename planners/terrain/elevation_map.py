@@ -70,6 +70,17 @@ class Heights(NamedTuple):
         return self._replace(values=values)
 
 
+def level_offset(heights: Vector, known: float, roughness: float) -> float | None:
+    """Median of the heights of level ground (n,) [m], nan where unknown.
+
+    None where less than the share ``known`` is, or their standard deviation exceeds ``roughness`` [m].
+    """
+    found = heights[np.isfinite(heights)]
+    if not len(found) or len(found) < known * len(heights) or found.std() > roughness:
+        return None
+    return float(np.median(found))
+
+
 class ElevationMap:
     r"""Heights of cells whose edges are parallel to x and y of W.
 

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Struct, structs
 from numpy.typing import ArrayLike
 
+from models.config import default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
@@ -17,9 +18,10 @@ from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, Feet, Foothold, rotated
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.tread import Tread
-from planners.terrain.elevation_map import Heights
+from planners.terrain.config import TerrainMapConfig
+from planners.terrain.elevation_map import Heights, level_offset
 from planners.terrain.footstep_search import LEVEL, FootstepSearch, Places, Step
-from planners.terrain.survey import BESIDE, GRID, SoleSurvey
+from planners.terrain.survey import BESIDE, FLAT, GRID, SoleSurvey
 
 _STRIDE = 0.25  #: Usual length of a step [m]
 _ASIDE = 0.30  #: To either side of the line they reach [m]
@@ -28,10 +30,6 @@ _SOON = 1.0  #: A plan that ends before this way is compared with those beside i
 _LOWEST = 1.0  #: Of the known ground that counts as its lowest [%]
 _STRAY = 6  #: Cells off a level from which on it is none
 _CHANGED = 0.1  #: Share of the ground of a step that is off its plan from which on the plan is void [-]
-_VIEW = 0.6  #: How far ahead of the toes ground counts for the height under the feet [m]
-_STRIP = 0.4  #: Share of it that must be known [-]
-_EVEN = 0.005  #: Its deviation from a plane, at most [m]
-_ERROR = 0.05  #: Height of that plane above or below the feet up to which it is an error [m]
 _AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason why it cannot go on [m]
 
 
@@ -57,11 +55,31 @@ class GroundPlanner:
 
     def __init__(self, robot: RobotModel, config: GaitConfig) -> None:
         self._config, self._ground = config, SoleSurvey(robot, config)
+        mapping = default_config(TerrainMapConfig, "planners", "terrain_map")
+        self._feet, self._roughness = mapping.feet, mapping.patches.roughness
         self._search = FootstepSearch(config, _STRIDE, robot.feet[LEFT].rectangle)
         self._limits = self._search.limits
         soles = soles_at(Foothold(0.0, 0.0, 0.0), config.reach.width)
         level = Heights(np.zeros((9, 9)), (0.0, 0.0), 0.1)
         self.plan(level, GroundQuery(Foothold(0.0, 0.0, 0.0), 0.1, soles))  # compile now, not for the first plan
+
+    def corrected(self, ground: Heights, query: GroundQuery) -> Heights:
+        """The ground without the error of its height that the feet of a query show, as in the mapper: up to ``limit``.
+
+        Where a sole lies on known ground both must agree on it; where none is known, level ground ahead of them counts.
+        """
+        feet, errors = self._feet, [self._ground.height_under(ground, sole) - sole.z for sole in query.feet]
+        found = [error for error in errors if math.isfinite(error)]
+        error = float(np.mean(found)) if found and max(found) - min(found) <= FLAT else None
+        if not found and not self._known(ground, query):
+            x, y = self._ground.points.T
+            ways, sides = x.max() + np.arange(0.0, feet.distance, ground.cell), np.unique(y)
+            error = level_offset(
+                np.concatenate([ground.at(_lattice(sole, ways, sides)) - sole.z for sole in query.feet]),
+                feet.known,
+                self._roughness,
+            )
+        return ground if error is None or abs(error) > feet.limit else ground._replace(values=ground.values - error)
 
     def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
         """Footsteps from the feet of a query to the end of its way, or as near to it as they get.
@@ -69,7 +87,6 @@ class GroundPlanner:
         Where they end soon they are planned beside the line, too: wide soles stand on both sides of a gap along the
         way. Such a plan is used where nothing is too high for a step between it and the line.
         """
-        ground = self._from_feet(ground, query)
         found, way = self._plan_along(ground, query, query.line)
         begin = max(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
         if not found.reason or way >= begin + _SOON:
@@ -130,7 +147,6 @@ class GroundPlanner:
 
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:
         """Whether the ground under, between or beside the planned footsteps has changed since their plan."""
-        ground = self._from_feet(ground, query)
         feet, points = list(query.feet), self._ground.points
         for step in query.planned:
             last, hold = feet[step.foot], step.hold
@@ -148,28 +164,6 @@ class GroundPlanner:
             if (ground.at(between) > max(last.z, hold.z) + step.over + LEVEL).mean() > _CHANGED:
                 return True
         return False
-
-    def _from_feet(self, ground: Heights, query: GroundQuery) -> Heights:
-        """The ground from the height of the feet: only differences from there matter, whatever error map or feet have.
-
-        Where none is known under them, a plane right ahead of them counts that leads to them up to a small error.
-        """
-        here = np.zeros(1)
-        soles = [(sole, self._ground.survey(ground, sole, here, here)) for sole in query.feet]
-        errors = [float(survey.height[0, 0]) - sole.z for sole, survey in soles if survey.fits[0, 0] == 1]
-        if not errors and not self._known(ground, query):
-            x, y = self._ground.points.T
-            ways, sides = x.max() + np.arange(0.0, _VIEW, ground.cell), np.unique(y)
-            strip = np.concatenate([_lattice(sole, ways, sides) for sole in query.feet])
-            heights = ground.at(strip)
-            known = np.isfinite(heights)
-            if known.mean() >= _STRIP:
-                places = np.column_stack([strip[known], np.ones(known.sum())])
-                plane = np.linalg.lstsq(places, heights[known], rcond=None)[0]
-                errors = [float(plane @ (sole.x, sole.y, 1.0)) - sole.z for sole in query.feet]
-                even = (places @ plane - heights[known]).std() <= _EVEN
-                errors = errors if even and max(map(abs, errors)) <= _ERROR else []
-        return ground._replace(values=ground.values - np.mean(errors)) if errors else ground
 
     @staticmethod
     def _known(ground: Heights, query: GroundQuery) -> bool:
@@ -195,7 +189,7 @@ class GroundPlanner:
             way = "higher" if rise > 0.0 else "lower"
             return f"the ground ahead is {abs(rise):.2f} m {way}, at most {reach.rise:.2f} m"
         if np.isnan(rises).any():
-            return "the ground ahead is not known, perhaps an edge: turn, or walk another way"
+            return "the ground ahead is not known, perhaps an edge"
         why = f"no room for a sole up to {reach.forward:.2f} m ahead"
         over = float(rises.max())
         most = self._limits.over

@@ -12,7 +12,7 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.terrain.body_filter import BodyFilter
 from planners.terrain.config import TerrainMapConfig
-from planners.terrain.elevation_map import ElevationMap, Heights
+from planners.terrain.elevation_map import ElevationMap, Heights, level_offset
 from planners.terrain.patches import Patch, find_patches
 
 
@@ -204,9 +204,9 @@ class TerrainMapper:
         heights = np.concatenate(
             [self._heights(foot, soles[foot], toes[foot], toes[foot] + feet.distance) for foot in (0, 1)]
         )
-        known = heights[np.isfinite(heights)]
-        if len(known) >= feet.known * len(heights) and known.std() <= self.config.patches.roughness:
-            self._correct(float(np.median(known)), feet.ahead)
+        residual = level_offset(heights, feet.known, self.config.patches.roughness)
+        if residual is not None:
+            self._correct(residual, feet.ahead)
 
     def _correct(self, residual: float, deviation: float) -> None:
         """Shift map and coming clouds by a height of a sole above the map, with the standard deviation of that [m]."""

@@ -19,7 +19,7 @@ from planners.terrain.leg_extent import layer_at, leg_extent
 GRID = (0.01, 0.02)  #: Between two places, along and across a line [m]
 BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
 _POINTS = 0.02  #: Between the points of that ground, at most [m]
-_FLAT = 0.012  #: Largest deviation of that ground from its plane [m]
+FLAT = 0.012  #: Largest deviation of that ground from its plane [m]
 _ROUGH = 0.018  #: The same where a sole may be moved to sideways: a cell on an edge is lower by half its height [m]
 _ROOM = (0.06, 0.30)  #: Ways along and across by which a sole may move on its ground that are looked for [m]
 _SAME = 0.01  #: Difference of height between neighbours of a lattice on the same ground [m]
@@ -78,7 +78,7 @@ class SoleSurvey:
         longer = np.concatenate([ways[0] - beyond[::-1], ways, ways[-1] + beyond])
         heading = line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)
         grid = _Lattice(*ground, heading, longer, sides)
-        fits, planes, bounds = _fit_planes(grid, self.points, self._inverse, (_FLAT, _ROUGH))
+        fits, planes, bounds = _fit_planes(grid, self.points, self._inverse, (FLAT, _ROUGH))
         height = planes[..., 2]
         wall = _walls(grid, self._leg, self._across, fits, planes)
         fits[wall > 1.0] = 0
@@ -87,6 +87,13 @@ class SoleSurvey:
         layers = fits, height, planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room, wall, top
         return Survey(*(np.ascontiguousarray(layer[more:-more]) for layer in layers))
 
+    def height_under(self, ground: Heights, hold: Foothold) -> float:
+        """Height of the plane on which a sole at ``hold`` lies [m]; nan where it lies on none."""
+        heading = hold.x, hold.y, math.cos(hold.yaw), math.sin(hold.yaw)
+        grid = _Lattice(*ground, heading, np.zeros(1), np.zeros(1))
+        fits, planes, _ = _fit_planes(grid, self.points, self._inverse, (FLAT, _ROUGH))
+        return float(planes[0, 0, 2]) if fits[0, 0] == 1 else math.nan
+
     def leg_in_ground(self, ground: Heights, hold: Foothold) -> float:
         """How deep the leg over a sole at ``hold`` is in ground ahead of it or behind [m]; negative before that."""
         here = self.survey(ground, hold, np.zeros(1), np.zeros(1))
@@ -94,12 +101,18 @@ class SoleSurvey:
 
 
 @njit(cache=True, forceinline=True)
+def _height_of(grid: _Lattice, x: float, y: float) -> float:
+    """Height at a point of W; nan where it is not known."""
+    heights, (x_min, y_min) = grid.heights, grid.corner
+    i, j = math.floor((x - x_min) / grid.cell), math.floor((y - y_min) / grid.cell)
+    return float(heights[i, j]) if 0 <= i < heights.shape[0] and 0 <= j < heights.shape[1] else math.nan
+
+
+@njit(cache=True, forceinline=True)
 def _height_at(grid: _Lattice, along: float, across: float) -> float:
     """Height at a place along and across the line; nan where it is not known."""
-    heights, (x_min, y_min), (x0, y0, c, s) = grid.heights, grid.corner, grid.line
-    x = math.floor((x0 + c * along - s * across - x_min) / grid.cell)
-    y = math.floor((y0 + s * along + c * across - y_min) / grid.cell)
-    return float(heights[x, y]) if 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1] else math.nan
+    x0, y0, c, s = grid.line
+    return _height_of(grid, x0 + c * along - s * across, y0 + s * along + c * across)
 
 
 @njit(cache=True)
@@ -125,7 +138,7 @@ def _fit_planes(
     """Planes through the ground at points (k, 2) around each place; see ``Survey``."""
     shape, found = (len(grid.ways), len(grid.sides)), np.empty(len(points))
     fits, planes, bounds = np.zeros(shape, np.int8), np.zeros((*shape, 3)), np.empty((*shape, 2))
-    heights, (x_min, y_min), (x0, y0, c, s) = grid.heights, grid.corner, grid.line
+    x0, y0, c, s = grid.line
     along, across = np.empty((len(points), 2)), np.empty((len(grid.sides), len(points), 2))
     for j in range(shape[1]):
         for k in range(len(points)):
@@ -138,11 +151,7 @@ def _fit_planes(
         for j in range(shape[1]):
             known, low, high = True, np.inf, -np.inf
             for k in range(len(points)):
-                x = math.floor((along[k, 0] - across[j, k, 0] - x_min) / grid.cell)
-                y = math.floor((along[k, 1] + across[j, k, 1] - y_min) / grid.cell)
-                found[k] = math.nan
-                if 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]:
-                    found[k] = heights[x, y]
+                found[k] = _height_of(grid, along[k, 0] - across[j, k, 0], along[k, 1] + across[j, k, 1])
                 if math.isnan(found[k]):
                     known = False
                 else:

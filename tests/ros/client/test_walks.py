@@ -38,7 +38,7 @@ def test_a_walk_that_is_held_is_reported(supervisor: FakeSupervisor) -> None:
     with Client() as client:
         client.robot()
         reply = walk.walk(client, (0.2, 0.0, 0.0), 5.0)
-    assert not reply.accepted and reply.reason.startswith("the walk was held after 0.0 s: held; at x ")
+    assert not reply.accepted and reply.reason.startswith("the walk was held after 0.0 s: held; base at x ")
 
 
 def test_the_fall_that_ended_a_walk_is_reported(supervisor: FakeSupervisor) -> None:
@@ -95,11 +95,15 @@ def test_a_walk_that_the_ground_blocks_says_why_and_where(supervisor: FakeSuperv
     supervisor.record = replace(supervisor.record, holds=())
     supervisor.asked.linear.x = 0.2
     supervisor.commander.publish(String(data="plain"))
-    supervisor.gait.publish(GaitStatus(True, False, "forward 9 limited to 1.2", "stopped: a kerb"))
+    supervisor.restraints = "forward 9 limited to 1.2", "stopped: a kerb"
+    place = "base at x 0.00 m, y 0.00 m, heading 0.00 rad; mode 'stand'"
     with Client() as client:
         reply = walk.walk(client, (0.2, 0.0, 0.0), 0.5)
-    place = "at x 0.00 m, y 0.00 m, heading 0.00 rad"
-    assert (reply.accepted, reply.reason) == (False, f"stopped: a kerb; {place}; mode 'stand'")
+        assert (reply.accepted, reply.reason) == (False, f"stopped: a kerb; {place}")
+        free = supervisor.create_timer(1.0, lambda: supervisor.gait.publish(GaitStatus(True, False, "limited")))
+        reply = walk.walk(client, (0.2, 0.0, 0.0), 3.0)
+        assert (reply.accepted, reply.reason) == (True, f"walked for 3 s; limited; {place}")
+        free.cancel()
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])

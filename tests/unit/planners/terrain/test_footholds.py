@@ -75,27 +75,51 @@ def test_on_stairs_every_sole_is_on_a_tread_and_the_feet_come_together(mapper: T
     assert all(heights.count(height) >= 2 for height in heights)  # both feet on each
 
 
-@pytest.mark.parametrize("slope", [0.0, 0.1])
-@pytest.mark.parametrize("begin", [-1.0, 0.16])
-def test_heights_count_from_the_feet_whatever_error_the_map_has(
-    mapper: TerrainMapper, begin: float, slope: float
-) -> None:
-    """Also where it begins ahead of the toes: from there a plane leads to the soles."""
-
-    def true(x: float, _: float) -> float:
-        return math.nan if x < begin else slope * x + 0.15 * (x > 0.9)
-
-    for error in (-0.03, 0.03):
-        right, raised = plan_on(mapper, true), plan_on(mapper, lambda x, y, e=error: true(x, y) + e)
-        assert len(right.steps) >= 6 and any(step.hold.z > 0.14 for step in right.steps)
-        assert [step.hold.pose[:2] for step in raised.steps] == [step.hold.pose[:2] for step in right.steps]
-        for step, same in zip(raised.steps, right.steps, strict=True):
-            assert step.hold.z == pytest.approx(same.hold.z, abs=1e-9)
+def heights_of(height: Callable[[float, float], float]) -> Heights:
+    """A function of x and y, NaN where unknown, from 1.5 m behind the origin to 1.5 m ahead."""
+    axis = 0.02 * np.arange(-75, 75) + 0.01
+    return Heights(np.array([[height(x, y) for y in axis] for x in axis]), (-1.5, -1.5), 0.02)
 
 
-def test_a_kerb_ahead_of_unknown_ground_is_no_error(mapper: TerrainMapper) -> None:
-    steps, _ = plan_on(mapper, lambda x, _: math.nan if x < 0.2 else 0.08)
-    assert level(steps[0].hold) in (0.0, 0.08) and level(steps[-1].hold) == 0.08
+@pytest.fixture(scope="module")
+def planner() -> GroundPlanner:
+    return GroundPlanner(G1, GAIT)
+
+
+def correction(planner: GroundPlanner, height: Callable[[float, float], float]) -> float:
+    """By how much the feet lower the map [m]."""
+    ground = heights_of(height)
+    corrected = planner.corrected(ground, GroundQuery(START, 1.2, soles_at(START, GAIT.reach.width)))
+    return float(np.nanmean(ground.values - corrected.values))
+
+
+@pytest.mark.parametrize("error", [-0.03, 0.03, 0.045])
+def test_an_error_of_the_map_is_that_of_the_ground_under_the_feet(planner: GroundPlanner, error: float) -> None:
+    """Also close in front of a riser, on a slope, and where only level ground ahead is known."""
+    assert correction(planner, lambda x, _: error + 0.15 * (x > 0.3)) == pytest.approx(error)
+    assert correction(planner, lambda x, _: error + 0.15 * (x > X_MAX + 0.05)) == pytest.approx(error)
+    assert correction(planner, lambda x, _: error + 0.1 * x) == pytest.approx(error, abs=2e-3)
+    assert correction(planner, lambda x, _: math.nan if x < 0.3 else error) == pytest.approx(error)
+
+
+def test_what_may_be_the_ground_is_no_error(planner: GroundPlanner) -> None:
+    assert correction(planner, lambda x, _: math.nan if x < 0.3 else 0.08) == 0.0  # a kerb
+    assert correction(planner, lambda x, _: math.nan if x < 0.2 else 0.1 * max(x - 0.3, 0.0)) == 0.0  # a ramp begins
+    assert correction(planner, lambda x, _: math.nan if x < 0.6 else 0.03) == 0.0  # too little is known
+    assert correction(planner, lambda _, y: 0.03 * (y > 0.0)) == 0.0  # under one foot alone
+    assert correction(planner, lambda x, _: 0.05 * (x > 0.0)) == 0.0  # they stand half on an edge
+
+
+@pytest.mark.parametrize("high", [0.1, 0.2, 0.5])
+@pytest.mark.parametrize("begin", [0.1, 0.2, 0.35])
+def test_what_appears_under_planned_footholds_is_no_error(planner: GroundPlanner, high: float, begin: float) -> None:
+    feet = list(soles_at(START, GAIT.reach.width))
+    steps = tuple(planner.plan(heights_of(lambda x, y: 0.0), GroundQuery(START, 1.2, (feet[0], feet[1]))).steps)
+    for step in steps[:2]:
+        feet[step.foot] = step.hold
+    query = GroundQuery(START, 1.2, (feet[0], feet[1]), steps[2].foot, steps[2:])
+    ground = planner.corrected(heights_of(lambda x, _: high * (x > begin)), query)
+    assert np.nanmax(ground.values) == high and planner.blocked(ground, query)
 
 
 @pytest.mark.parametrize("rise", [0.15, -0.15, -0.18])
@@ -107,7 +131,7 @@ def test_a_plan_does_not_end_on_a_tread_while_the_next_is_in_reach(robot: RobotM
     ground = Heights(np.repeat(rise * risers[:, None], 150, axis=1), (-1.5, -1.5), 0.02)
     query = GroundQuery(START, 2.0, soles_at(START, gait.reach.width))
     steps, why = GroundPlanner(robot, gait).plan(ground, query)
-    assert why.startswith("the ground ahead is not known")  # the map ends 1.5 m ahead
+    assert why == "the ground ahead is not known, perhaps an edge"  # the map ends 1.5 m ahead
     assert [level(step.hold) for step in steps] == [round(rise * (1 + i // 2), 2) for i in range(8)]
 
 
@@ -175,14 +199,14 @@ def test_near_the_feet_unknown_ground_is_felt_and_beyond_what_is_seen_it_ends_th
     steps, why = plan_on(mapper, lambda x, _: 0.0 if 0.4 < x < 1.0 else math.nan)
     felt = [step.tread is None for step in steps]
     assert felt[0] and not felt[-1] and felt == sorted(felt, reverse=True)
-    assert why.startswith("the ground ahead is not known") and steps[-1].hold.x + X_MAX < 1.0
+    assert why == "the ground ahead is not known, perhaps an edge" and steps[-1].hold.x + X_MAX < 1.0
 
 
 def test_where_nothing_at_all_is_known_a_plan_says_so(robot: RobotModel) -> None:
     gait = load_gait_config(robot)
     dark = Heights(np.full((150, 150), np.nan), (-1.5, -1.5), 0.02)
     steps, reason = GroundPlanner(robot, gait).plan(dark, GroundQuery(START, 2.0, soles_at(START, gait.reach.width)))
-    assert reason.startswith("the ground ahead is not known")
+    assert reason == "the ground ahead is not known, perhaps an edge"
     assert steps and all(step.tread is None for step in steps)  # felt
 
 
@@ -355,5 +379,5 @@ def test_where_lower_ground_is_known_unknown_ground_may_be_an_edge(
 def test_ahead_of_a_foot_on_known_ground_nothing_is_felt(mapper: TerrainMapper) -> None:
     """As on stairs: what is not seen beside a foot that stands on the map may be an edge."""
     steps, why = plan_on(mapper, lambda x, _: 0.0 if x < 0.3 or x > 0.8 else math.nan)
-    assert why.startswith("the ground ahead is not known")
+    assert why == "the ground ahead is not known, perhaps an edge"
     assert all(step.tread is not None and step.hold.x + X_MAX < 0.3 for step in steps)
