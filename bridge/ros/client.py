@@ -174,7 +174,10 @@ class Client:
             remedy += "; if none is up, start it with: poise up"
         robots = namespaces_of_robots(self.node)
         if self.namespace in robots:
-            remedy = self.paused or "the robot is up: poise status says what it does"
+            status = (
+                "poise status says what it does" if self.status else "it is starting, or does not answer: try again"
+            )
+            remedy = self.paused or f"the robot is up: {status}"
         elif robots:
             remedy = other_namespaces(robots)
         named = f"{self.namespace}/{name}" if self.namespace else name
