@@ -174,10 +174,8 @@ class Client:
             remedy += "; if none is up, start it with: poise up"
         robots = namespaces_of_robots(self.node)
         if self.namespace in robots:
-            status = (
-                "poise status says what it does" if self.status else "it is starting, or does not answer: try again"
-            )
-            remedy = self.paused or f"the robot is up: {status}"
+            up = "is up: poise status says what it does"
+            remedy = self.paused or f"the robot {up if self.status else 'is starting, or does not answer: try again'}"
         elif robots:
             remedy = other_namespaces(robots)
         named = f"{self.namespace}/{name}" if self.namespace else name
