@@ -101,18 +101,12 @@ class SoleSurvey:
 
 
 @njit(cache=True, forceinline=True)
-def _height_of(grid: _Lattice, x: float, y: float) -> float:
-    """Height at a point of W; nan where it is not known."""
-    heights, (x_min, y_min) = grid.heights, grid.corner
-    i, j = math.floor((x - x_min) / grid.cell), math.floor((y - y_min) / grid.cell)
-    return float(heights[i, j]) if 0 <= i < heights.shape[0] and 0 <= j < heights.shape[1] else math.nan
-
-
-@njit(cache=True, forceinline=True)
 def _height_at(grid: _Lattice, along: float, across: float) -> float:
     """Height at a place along and across the line; nan where it is not known."""
-    x0, y0, c, s = grid.line
-    return _height_of(grid, x0 + c * along - s * across, y0 + s * along + c * across)
+    heights, (x_min, y_min), (x0, y0, c, s) = grid.heights, grid.corner, grid.line
+    i = math.floor((x0 + c * along - s * across - x_min) / grid.cell)
+    j = math.floor((y0 + s * along + c * across - y_min) / grid.cell)
+    return float(heights[i, j]) if 0 <= i < heights.shape[0] and 0 <= j < heights.shape[1] else math.nan
 
 
 @njit(cache=True)
@@ -138,7 +132,7 @@ def _fit_planes(
     """Planes through the ground at points (k, 2) around each place; see ``Survey``."""
     shape, found = (len(grid.ways), len(grid.sides)), np.empty(len(points))
     fits, planes, bounds = np.zeros(shape, np.int8), np.zeros((*shape, 3)), np.empty((*shape, 2))
-    x0, y0, c, s = grid.line
+    heights, (x_min, y_min), cell, (x0, y0, c, s) = grid.heights, grid.corner, grid.cell, grid.line
     along, across = np.empty((len(points), 2)), np.empty((len(grid.sides), len(points), 2))
     for j in range(shape[1]):
         for k in range(len(points)):
@@ -151,7 +145,11 @@ def _fit_planes(
         for j in range(shape[1]):
             known, low, high = True, np.inf, -np.inf
             for k in range(len(points)):
-                found[k] = _height_of(grid, along[k, 0] - across[j, k, 0], along[k, 1] + across[j, k, 1])
+                # as ``_height_at``, which takes 2.5 times as long here
+                x = math.floor((along[k, 0] - across[j, k, 0] - x_min) / cell)
+                y = math.floor((along[k, 1] + across[j, k, 1] - y_min) / cell)
+                inside = 0 <= x < heights.shape[0] and 0 <= y < heights.shape[1]
+                found[k] = heights[x, y] if inside else math.nan
                 if math.isnan(found[k]):
                     known = False
                 else:
