@@ -22,7 +22,6 @@ from bridge.ros.environment import (
     participant,
 )
 from bridge.ros.processes import absolute_namespace
-from controllers.commands.arbitration import PLAIN
 from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
@@ -324,14 +323,13 @@ def overview(client: Client) -> dict[str, str]:
     client.wait(complete, TOPICS_TIMEOUT)
     status = client.status
     assert status is not None  # there is a robot
-    source = f" ({topics.CMD_VEL}, {topics.HUMANOID_COMMANDS})" if client.commander == PLAIN else ""
     locks = "".join(f"; lock '{lock}' is closed" for lock in status.locks)
     return {
         "robot": f"{status.robot}, mode '{status.mode.value}'"
         + ("" if start else f", drivers '{client.driver_state or 'unknown'}'"),  # the start says more
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
         "real-time factor": "unknown" if math.isnan(client.factor) else f"{client.factor:.2f}",
-        "in command": f"{client.commander or 'unknown'}{source}{locks}",
+        "in command": f"{client.commander or 'unknown'}{locks}",
         **({"walk": client.restraint} if client.restraint else {}),
         **(start_lines(start[-1]) if start else {}),
         "next": client.paused or next_step(status, start[-1] if start else None),
