@@ -45,7 +45,7 @@ class RobotClock:
         here = partial(client.node.count_publishers, topics.ODOM)
         client.expect(lambda: here() > 0, ANSWER_TIMEOUT, "publisher on", topics.ODOM)
         self._client, self._now, self._received = client, math.nan, time.monotonic()
-        self._odometry_message: Odometry | None = None
+        self._newest: Odometry | None = None
         name = f"{client.node.get_name()}_clock"
         self._node = Node(name, context=client.node.context, **in_namespace(client.namespace))  # not spun
         self._odometry = self._node.create_subscription(Odometry, topics.ODOM, ignore, SENSOR, raw=True)
@@ -56,7 +56,7 @@ class RobotClock:
         if (data := newest(self._odometry)) is not None:
             message = deserialize_message(data, Odometry)
             self._now, self._received = 1e-9 * Time.from_msg(message.header.stamp).nanoseconds, time.monotonic()
-            self._odometry_message = message
+            self._newest = message
         elif time.monotonic() - self._received > SILENCE:
             why = self._client.paused or "poise status says what the robot does"
             raise CommandError(f"no message on {topics.ODOM} for {SILENCE:g} s: {why}")
@@ -65,7 +65,7 @@ class RobotClock:
     def place(self) -> str:
         """Where the base is in ``odom``, in words; empty without a valid message."""
         try:
-            base = self._odometry_message and foothold_from_pose(topics.ODOM, self._odometry_message.pose.pose)
+            base = self._newest and foothold_from_pose(topics.ODOM, self._newest.pose.pose)
         except MessageError:
             return ""
         return f"; base at x {base.x:.2f} m, y {base.y:.2f} m, heading {base.yaw:.2f} rad" if base else ""

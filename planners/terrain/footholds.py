@@ -56,7 +56,7 @@ class GroundPlanner:
     def __init__(self, robot: RobotModel, config: GaitConfig) -> None:
         self._config, self._ground = config, SoleSurvey(robot, config)
         mapping = default_config(TerrainMapConfig, "planners", "terrain_map")
-        self._feet, self._roughness = mapping.feet, mapping.patches.roughness
+        self._errors, self._roughness = mapping.feet, mapping.patches.roughness
         self._search = FootstepSearch(config, _STRIDE, robot.feet[LEFT].rectangle)
         self._limits = self._search.limits
         soles = soles_at(Foothold(0.0, 0.0, 0.0), config.reach.width)
@@ -66,20 +66,20 @@ class GroundPlanner:
     def corrected(self, ground: Heights, query: GroundQuery) -> Heights:
         """The ground without the error of its height that the feet of a query show, as in the mapper: up to ``limit``.
 
-        Where a sole lies on known ground both must agree on it; where none is known, level ground ahead of them counts.
+        Soles that lie on known ground must agree on it; where none is known, level ground ahead of them counts.
         """
-        feet, errors = self._feet, [self._ground.height_under(ground, sole) - sole.z for sole in query.feet]
+        limits, errors = self._errors, [self._ground.height_under(ground, sole) - sole.z for sole in query.feet]
         found = [error for error in errors if math.isfinite(error)]
         error = float(np.mean(found)) if found and max(found) - min(found) <= FLAT else None
         if not found and not self._known(ground, query):
             x, y = self._ground.points.T
-            ways, sides = x.max() + np.arange(0.0, feet.distance, ground.cell), np.unique(y)
+            ways, sides = x.max() + np.arange(0.0, limits.distance, ground.cell), np.unique(y)
             error = level_offset(
                 np.concatenate([ground.at(_lattice(sole, ways, sides)) - sole.z for sole in query.feet]),
-                feet.known,
+                limits.known,
                 self._roughness,
             )
-        return ground if error is None or abs(error) > feet.limit else ground._replace(values=ground.values - error)
+        return ground if error is None or abs(error) > limits.limit else ground._replace(values=ground.values - error)
 
     def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
         """Footsteps from the feet of a query to the end of its way, or as near to it as they get.
