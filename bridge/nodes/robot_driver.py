@@ -333,7 +333,7 @@ class RobotDriver(PoiseNode):
             self.get_logger().warning(
                 f"simulated time runs at {factor:.2f} of real time: other programs use the processor, or the plant is "
                 f"slow; poise status has the present factor",
-                throttle_duration_sec=60.0,
+                throttle_duration_sec=600.0,
             )
         if self._start is not None:
             self.level, message = self._start.diagnose()

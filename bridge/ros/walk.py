@@ -113,7 +113,8 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     ended = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
     if not ended and seconds and client.mode == Mode.WALK.value and not client.wait(follows, LIMITING):
         ended = f"the robot does not follow the velocity: {_reasons(client)}"
-    ended = ended or gait.blocked
+    if gait.blocked:
+        ended = ended or f"after {seconds:g} s {gait.blocked}"
     stood = _stand(client, clock, ended or f"walked for {seconds:g} s{limit}")
     return CommandReply(stood.accepted and not ended, stood.reason)
 
@@ -173,7 +174,7 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
     if not done:  # what stopped it may be reported later
         client.wait(lambda: bool(client.obstacle), LATE)
     why = f"; {client.obstacle}" if client.obstacle and not done else ""
-    stood = _stand(client, clock, f"goal {routes[-1]}{why}")
+    stood = _stand(client, clock, f"goal x {goal[0]:.2f} m, y {goal[1]:.2f} m: {routes[-1]}{why}")
     return CommandReply(stood.accepted and done, stood.reason)
 
 

@@ -181,7 +181,8 @@ def test_the_command_line_walks_to_a_pose(walking: WalkingGraph) -> None:
     here = walking.place.copy()
     code, output = _poise("walk", "--to", f"{here[0] - 0.15:.3f}", f"{here[1]:.3f}", "-0.2")
     assert code == 0, output
-    assert re.search(r"goal done; base at x [-\d.]+ m, y [-\d.]+ m, heading [-\d.]+ rad; mode 'stand'", output)
+    ended = r": done; base at x [-\d.]+ m, y [-\d.]+ m, heading [-\d.]+ rad; mode 'stand'"
+    assert re.search(rf"goal x {here[0] - 0.15:.2f} m, y {here[1]:.2f} m{ended}", output)
     walking.until(lambda: walking.graph.mode == "stand", "standing")
     walking.graph.spin(0.2)
     assert np.linalg.norm(walking.place - here - (-0.15, 0.0)) < 0.05  # truth and estimate start together
