@@ -40,17 +40,17 @@ def stair_stations(stairs: Stairs, heel: float, toe: float, stride: float, edge:
     """Places of a sole on its way over stairs.
 
     ``heel`` and ``toe`` are how far the sole reaches behind and ahead of its frame [m]. On every tread, and on the
-    levels before and after it, the sole is half-way between its middle and where it is ``edge`` [m] from the edge of
-    the tread: farther from the riser, which shin and heel might touch. On the levels, places are at most ``stride``
-    apart [m]. Raises ``UnreachableError`` when a tread is too short.
+    levels before and after it, the sole is ``edge`` [m] from the edge of the tread, and so as far from the riser as it
+    can be, which knee, shin and heel might touch. On the levels, places are at most ``stride`` apart [m]. Raises
+    ``UnreachableError`` when a tread is too short.
     """
-    spare = 0.5 * (stairs.tread - heel - toe) - edge
+    spare = stairs.tread - heel - toe - 2.0 * edge
     if spare < 0.0:
         raise UnreachableError(
             f"treads of {stairs.tread:.3f} m: at least {heel + toe + 2.0 * edge:.3f} m for this robot's sole"
         )
-    wall, free = edge + 1.5 * spare, edge + 0.5 * spare  # from the sole to the riser, and to the edge of the tread
-    sides = ((free, wall), (wall, free)) if stairs.rise > 0.0 else ((wall, free), (free, wall))
+    wall = edge + spare  # from the sole to the riser
+    sides = ((edge, wall), (wall, edge)) if stairs.rise > 0.0 else ((wall, edge), (edge, wall))
     end = stairs.ahead + (stairs.count - 1) * stairs.tread + stairs.landing
     stations: list[Station] = []
     height = 0.0
