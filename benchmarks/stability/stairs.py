@@ -25,7 +25,7 @@ from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner
 from planners.terrain.given_map import terrain_heights
-from planners.terrain.ground_route import Answer, GroundRoute
+from planners.terrain.ground_route import Answer, GroundRoute, answered
 from planners.terrain.stairs import Stairs, stair_footsteps
 
 _SETTLE = 4.0  #: After the footsteps, until the walk counts as stuck [s]
@@ -256,9 +256,7 @@ def walk_on_sight(loop: ClosedLoop, distance: float, sight: Sight | None = None)
     latest, answers = loop.t + config.limit, list[tuple[float, Answer]]()
     while loop.t < latest and not loop.fallen and route.active:
         if (request := route.request(loop.t)) is not None:
-            ground = planner.corrected(sight.ground(), request.query)
-            plan, blocked = planner.plan(ground, request.query), planner.blocked(ground, request.query)
-            answer = Answer(request.number, tuple(plan.steps), plan.reason, blocked=blocked)
+            answer = answered(planner, request, sight.ground(), clearance=config.clearance)
             answers.append((loop.t + config.plan_delay, answer))
         while answers and answers[0][0] <= loop.t:
             route.answer(answers.pop(0)[1])

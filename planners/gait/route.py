@@ -42,6 +42,10 @@ class Footstep:
     tread: Tread | None = None
     time: float = field(default=0.0, compare=False)
 
+    def __post_init__(self) -> None:
+        if self.foot not in (LEFT, RIGHT):
+            raise ValueError(f"foot {self.foot} of a footstep is neither {LEFT} (left) nor {RIGHT} (right)")
+
     def raised(self, height: float) -> Footstep:
         """The step with its foothold higher [m]."""
         return replace(self, hold=structs.replace(self.hold, z=self.hold.z + height))

@@ -24,7 +24,7 @@ from models.nodes.qos import EVENT, STATE
 from models.robot_model import RobotModel
 from models.types import STILL, Velocity
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import LEFT, RIGHT, Foothold
+from planners.gait.footsteps import Foothold
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep, Route
 from planners.gait.scaling import load_gait_config
@@ -48,10 +48,6 @@ class TakeSteps(Struct, frozen=True, tag=True):
 
     steps: tuple[Footstep, ...]
     after: int | None = None  # see ``GaitPlanner.take_steps``
-
-    def __post_init__(self) -> None:
-        if any(step.foot not in (LEFT, RIGHT) for step in self.steps):
-            raise ValueError("a footstep is of neither foot")
 
 
 class GaitCommand(Struct, frozen=True):

@@ -3,10 +3,11 @@
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import UInt8MultiArray
 
-from models.errors import MessageError, UnreachableError
+from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.grid_map import grid_map_type, layer_of
@@ -16,10 +17,9 @@ from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import program
 from planners.gait.scaling import load_gait_config
 from planners.nodes.gait_link import decode, encode
-from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner
-from planners.terrain.ground_route import Answer, Request
+from planners.terrain.ground_route import Answer, Request, answered
 
 
 def ground_from_message(message: Any) -> Heights:
@@ -69,22 +69,9 @@ class GroundPlannerNode(PoiseNode):
             answer = Answer(request.number, reason="no map of the ground", blind=True)
         else:
             ground, stamp = found
-            answer = self._answer(request, ground, stamp)
+            answer = answered(self._law, request, ground, clearance=self._clearance, stamp=stamp)
         self._plans, self._took = self._plans + 1, time.monotonic() - begin
         self._answers.publish(encode(answer))
-
-    def _answer(self, request: Request, ground: Heights, stamp: float) -> Answer:
-        query = request.query
-        ground = self._law.corrected(ground, query)
-        if request.around:
-            try:
-                poses = detour(ground, query.line, query.distance, self._clearance)
-            except UnreachableError as error:
-                return Answer(request.number, reason=str(error), stamp=stamp)
-            return Answer(request.number, poses=tuple(poses), stamp=stamp)
-        steps, reason = ([], "") if request.watch else self._law.plan(ground, query)
-        level, blocked = self._law.level(ground, query), self._law.blocked(ground, query)
-        return Answer(request.number, tuple(steps), reason, level, stamp=stamp, blocked=blocked)
 
     def _ground(self, stamp: float) -> tuple[Heights, float] | None:
         """The newest map and its stamp [s]; None when that is farther than ``map_age_max`` from a stamp [s]."""
@@ -97,6 +84,7 @@ class GroundPlannerNode(PoiseNode):
     def before_diagnostics(self) -> None:
         if not self.active:
             return
+        self.level = DiagnosticStatus.WARN if self._missing else DiagnosticStatus.OK
         self.message = self._missing or ("planning" if self._plans else "no request yet")
         self.values |= {"plans": str(self._plans), "newest plan took [ms]": f"{1e3 * self._took:.1f}"}
 

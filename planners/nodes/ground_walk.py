@@ -38,7 +38,7 @@ _LOOK = 1.0  #: How long it looks before it asks for a way around [s]
 _DETOURS = 5  #: Ways around that are tried for a goal
 _AROUND = "around"  #: Parameter
 _WARNED = 10.0  #: Between two warnings of the same kind [s]
-_UNSEEN = "no recent map of the ground: the robot walks without one; see terrain_mapper and its clouds"
+_UNSEEN = "nothing is known of the ground on the way: the robot walks without a map; see terrain_mapper and its clouds"
 _UNANSWERED = f"no answer of the ground planner for {_PATIENCE:g} s: the robot walks without a map meanwhile"
 
 
@@ -107,6 +107,7 @@ class GroundWalk:
         self._stopped = 0.0  # bearing of the velocity that was stopped [rad]
         self._t = self._asked = 0.0
         self._steps = -1  # touchdowns at the last watch
+        self._unanswered = math.inf  # stamp of the first request since the last answer [s]
 
     @property
     def busy(self) -> bool:
@@ -129,7 +130,7 @@ class GroundWalk:
         self._report("")
         self._route.end(reason)
         self._stage, self._goal, self.outcome, self._velocity = _Stage.IDLE, None, reason, STILL
-        self._poses, self._before = [], self._number
+        self._poses, self._before, self._unanswered = [], self._number, math.inf
 
     def admit(self, velocity: Velocity) -> Velocity:
         """The part of a commanded velocity that the gait may walk at: none where plans take over."""
@@ -155,15 +156,16 @@ class GroundWalk:
     def update(self, t: float) -> None:
         """After a tick of a stamp [s]."""
         self._t, law = t, self._law
+        if self._stage in _WATCHING and t - self._unanswered > _PATIENCE:
+            self._warn(_UNANSWERED, throttle_duration_sec=_WARNED)
+            if self._stage is _Stage.ASKED:
+                self._walk_blind()
         match self._stage:
-            case _Stage.ASKED:
-                if t - self._asked > _PATIENCE:
-                    self._warn(_UNANSWERED, throttle_duration_sec=_WARNED)
-                    self._walk_blind()
             case _Stage.BLIND:
+                watched = self._number < self._before or self._requests.get_subscription_count() > 0
                 if self._goal is not None and not law.route.left and (law.settled or not self._poses):
                     self._arrive(law.route.outcome)
-                elif law.steps != self._steps and self._requests.get_subscription_count():
+                elif law.steps != self._steps and watched:
                     self._watch(_Stage.BLIND)
             case _Stage.STOP:
                 if law.settled:
@@ -193,6 +195,7 @@ class GroundWalk:
             ahead, way = self._way_to(goal)
             line, far = ahead if way > _NEAR else here, min(far, way)
         self._number -= 1
+        self._unanswered = min(self._unanswered, self._t)
         self._send(Request(self._number, GroundQuery(line, far, feet), None, self._t, watch=True))
 
     def _send(self, request: Request) -> None:
@@ -207,6 +210,7 @@ class GroundWalk:
                 self._route.answer(answer)
         elif self._stage in _WATCHING and self._number <= answer.number < self._before:
             # A late answer counts, too: the ground that it saw on the way is still there.
+            self._unanswered = math.inf
             if answer.blind:
                 self._warn(_UNSEEN, throttle_duration_sec=_WARNED)
             if not (answer.level or answer.blind):

@@ -28,6 +28,7 @@ from models.nodes.perception import cloud_from_message
 from models.nodes.qos import COMMAND, SENSOR, STATE
 from models.nodes.services import own_message
 from models.nodes.spin import program
+from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, PointCloud
 from planners.terrain.config import TerrainMapConfig
 from planners.terrain.given_map import load_given_map
 from planners.terrain.mapper import Posture, TerrainMapper
@@ -86,6 +87,11 @@ class TerrainMapperNode(PoiseNode):
         self._reliable = declare(self, "reliable", True, text)
         text = "YAML file of a map of the ground, used where nothing is seen; empty: none"
         self._given = declare(self, "given_map", "", text)
+        text = "Frame in the headers of the points of the {}, which stands for that of the profile"
+        self._frames = {
+            topics.DEPTH_POINTS: (declare(self, "depth_frame", DEPTH_FRAME, text.format("depth camera")), DEPTH_FRAME),
+            topics.LIDAR_POINTS: (declare(self, "lidar_frame", LIDAR_FRAME, text.format("lidar")), LIDAR_FRAME),
+        }
         self._periods = (
             declare_period(self, "map_rate", 30.0, "terrain/grid_map"),
             declare_period(self, "patch_rate", 2.0, "terrain/patches"),
@@ -153,7 +159,11 @@ class TerrainMapperNode(PoiseNode):
         if posture is None:
             return
         begin = time.monotonic()
-        self._law.update(cloud_from_message(message), posture)
+        cloud, (named, frame) = cloud_from_message(message), self._frames[topic]
+        if cloud.frame != named:
+            parameter = f"parameter {topic.partition('/')[0]}_frame"
+            raise MessageError(f"header.frame_id: '{cloud.frame[:32]}' instead of '{named}', {parameter}")
+        self._law.update(PointCloud(cloud.t, frame, cloud.points), posture)
         self._matched[topic] = time.monotonic()
         self._took, self._clouds = self._matched[topic] - begin, self._clouds + 1
         self._publish(stamp)

@@ -7,10 +7,8 @@ import numpy as np
 from models.errors import UnreachableError
 from models.types import Matrix
 from planners.gait.footsteps import Foothold
-from planners.terrain.elevation_map import Heights
-from planners.terrain.footstep_search import LEVEL
+from planners.terrain.elevation_map import STRAY, Heights, off_level
 
-_FEW = 4  #: Cells off the level up to which there is nothing [-]
 _FINE = 0.05  #: Between ways that are tried [m]
 
 
@@ -25,11 +23,11 @@ def detour(ground: Heights, line: Foothold, distance: float, clearance: float) -
     ways, sides = np.arange(0.0, min(distance, reach) + clearance, cell), np.arange(-half, half, cell)
     places = np.array([line.moved(way, side) for way in ways.tolist() for side in sides.tolist()])
     heights: Matrix = ground.at(places).reshape(len(ways), len(sides))
-    off = np.abs(heights - line.z) > LEVEL  # NaN is not
+    off = off_level(heights, line.z)
 
     def free(begin: float, end: float, side: float) -> bool:
         rows = (ways >= begin) & (ways <= end)
-        return int(off[rows][:, np.abs(sides - side) <= clearance].sum()) <= _FEW
+        return float(off[rows][:, np.abs(sides - side) <= clearance].sum()) < STRAY
 
     if free(0.0, distance, 0.0):
         return []

@@ -12,6 +12,8 @@ from models.numerics.compiled import njit
 from models.types import Matrix, Vector
 from planners.terrain.config import TerrainMapConfig
 
+LEVEL = 0.03  #: Difference of height from which ground is another [m]
+STRAY = 6.0  #: Cells off a level from which on it is none, counted by ``off_level``
 _NEIGHBOURS = 5  #: Known ones of 8 from which on a hole is closed
 _HOLE = 0.02  #: Difference of their heights up to which it is [m]
 
@@ -79,6 +81,16 @@ def level_offset(heights: Vector, known: float, roughness: float) -> float | Non
     if not len(found) or len(found) < known * len(heights) or found.std() > roughness:
         return None
     return float(np.median(found))
+
+
+def off_level(heights: Matrix, level: float) -> Matrix:
+    """How far heights (any shape) [m] are off a level [m], counted in cells just off it; 0 on it and for nan.
+
+    Lower ones count 1, higher ones their height over ``LEVEL``: a sole spans a narrow hole, but no post.
+    """
+    rise = heights - level
+    off: Matrix = np.where(np.abs(rise) > LEVEL, np.maximum(rise / LEVEL, 1.0), 0.0)
+    return off
 
 
 class ElevationMap:
@@ -177,8 +189,8 @@ class ElevationMap:
         self.height += height
 
     def age(self, variance: float) -> None:
-        """Add to every variance [m^2]."""
-        self.variance += variance
+        """Add to the variance of what was measured [m^2]; given heights do not age."""
+        self.variance[self.measured] += variance
 
     def fuse(self, t: float, points: Matrix, deviations: Vector, common: Vector, eye: Vector) -> int:
         """Fuse a cloud of points (n, 3) [m] with a stamp [s] that a sensor at ``eye`` (3,) measured.

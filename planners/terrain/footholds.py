@@ -19,8 +19,8 @@ from planners.gait.footsteps import LEFT, Feet, Foothold, rotated
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.tread import Tread
 from planners.terrain.config import TerrainMapConfig
-from planners.terrain.elevation_map import Heights, level_offset
-from planners.terrain.footstep_search import LEVEL, FootstepSearch, Places, Step
+from planners.terrain.elevation_map import LEVEL, STRAY, Heights, level_offset, off_level
+from planners.terrain.footstep_search import FootstepSearch, Places, Step
 from planners.terrain.survey import BESIDE, FLAT, GRID, SoleSurvey
 
 _STRIDE = 0.25  #: Usual length of a step [m]
@@ -28,7 +28,7 @@ _ASIDE = 0.30  #: To either side of the line they reach [m]
 _SHIFT = 0.2  #: From the line to those beside it [m]
 _SOON = 1.0  #: A plan that ends before this way is compared with those beside it [m]
 _LOWEST = 1.0  #: Of the known ground that counts as its lowest [%]
-_STRAY = 6  #: Cells off a level from which on it is none
+_ARRIVED = 0.03  #: From the end of the way [m]
 _CHANGED = 0.1  #: Share of the ground of a step that is off its plan from which on the plan is void [-]
 _AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason why it cannot go on [m]
 
@@ -41,6 +41,11 @@ class GroundQuery(Struct, frozen=True):
     feet: Feet  #: Left and right sole at the start
     foot: int | None = None  #: That steps first; None for either
     planned: tuple[Footstep, ...] = ()  #: The present plan from there on
+
+    def __post_init__(self) -> None:
+        poses = (self.line, *self.feet, *(step.hold for step in self.planned))
+        if not all(map(math.isfinite, (self.distance, *(value for pose in poses for value in structs.astuple(pose))))):
+            raise ValueError("a pose or the distance is not finite")
 
 
 class GroundPlan(NamedTuple):
@@ -118,17 +123,20 @@ class GroundPlanner:
             return GroundPlan([], ""), -math.inf
         known = self._known(ground, query)
         found = self._search.steps(places, at, query.foot, known=known, distance=query.distance)
-        steps = self._checked([_footstep(line, places, step) for step in found], query.feet)
+        steps = [_footstep(line, places, step) for step in found]
+        refusal = self._refusal(steps, query.feet)
+        if refusal:
+            steps = []
         feet = list(query.feet)
         for step in steps:
             feet[step.foot] = step.hold
         leading = max(feet, key=lambda sole: line.relative(sole.x, sole.y)[0])
         way = line.relative(leading.x, leading.y)[0]
-        arrived = query.distance - way <= LEVEL
-        return GroundPlan(steps, "" if arrived else self._obstacle(ground, leading, line.yaw)), way
+        arrived = query.distance - way <= _ARRIVED
+        return GroundPlan(steps, "" if arrived else refusal or self._obstacle(ground, leading, line.yaw)), way
 
-    def level(self, ground: Heights, query: GroundQuery) -> bool:
-        """Whether the ground along the way is level where the feet walk: no plan is needed.
+    def level(self, ground: Heights, query: GroundQuery) -> bool | None:
+        """Whether the ground along the way is level where the feet walk: no plan is needed. None where all is unknown.
 
         What is not known is taken to be as low as the lowest ground of the map: on a landing it may be an edge, on a
         floor it is more floor.
@@ -140,10 +148,12 @@ class GroundPlanner:
         heights = ground.at(_lattice(query.line, ways, sides))
         level = float(np.mean([sole.z for sole in query.feet]))
         unknown = np.isnan(heights)
-        if unknown.any() and len(known := ground.values[np.isfinite(ground.values)]):
+        if unknown.all():
+            return None
+        if unknown.any():
+            known = ground.values[np.isfinite(ground.values)]
             heights[unknown] = min(float(np.percentile(known, _LOWEST)), level)
-        off = np.abs(heights - level)
-        return int((off > LEVEL).sum()) < _STRAY
+        return float(off_level(heights, level).sum()) < STRAY
 
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:
         """Whether the ground under, between or beside the planned footsteps has changed since their plan."""
@@ -170,14 +180,14 @@ class GroundPlanner:
         """Whether the ground in the middle of a sole is known."""
         return bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in query.feet]))).any())
 
-    def _checked(self, steps: list[Footstep], feet: Sequence[Foothold]) -> list[Footstep]:
-        """The steps, or none where the gait would refuse them: feet that are turned from the line, too steep ground."""
+    def _refusal(self, steps: list[Footstep], feet: Sequence[Foothold]) -> str:
+        """Why the gait would refuse the steps: feet that are turned from the line, too steep ground; empty if not."""
         try:
             if steps:
                 check_footsteps(steps, feet, self._config)
-        except PoiseError:
-            return []
-        return steps
+        except PoiseError as error:
+            return str(error)
+        return ""
 
     def _obstacle(self, ground: Heights, stance: Foothold, yaw: float) -> str:
         """Why no foot can be put down ahead of a stance foot."""
@@ -185,7 +195,7 @@ class GroundPlanner:
         rises = ground.at(_lattice(pose, np.arange(_AHEAD_MIN, reach.forward, 0.02), 0.0)) - stance.z
         beyond = rises[np.abs(rises) > reach.rise]
         if len(beyond):
-            rise = float(np.median(beyond))
+            rise = float(np.median(beyond[np.sign(beyond) == np.sign(beyond[0])]))  # of what comes first
             way = "higher" if rise > 0.0 else "lower"
             return f"the ground ahead is {abs(rise):.2f} m {way}, at most {reach.rise:.2f} m"
         if np.isnan(rises).any():

@@ -13,9 +13,10 @@ from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, RIGHT
 from planners.gait.tread import leg_height
+from planners.terrain.elevation_map import LEVEL
 from planners.terrain.survey import Survey
 
-LEVEL = 0.03  #: Difference of height from which ground is another, and of way up to which feet are together [m]
+_TOGETHER = 0.03  #: Way between two soles up to which they are together [m]
 _PASSED = 0.6  #: Share of ``reach.rise`` for what a foot passes on its way: the body does not rise with it [-]
 _BESIDE = 0.10  #: Of way up to which feet are beside each other before and after a step to another level [m]
 _COMFORT = 0.01  #: Room ahead and back from which on an edge does not matter [m]
@@ -76,6 +77,7 @@ class _Limits(NamedTuple):
     width: float
     stride: float
     level: float
+    together: float
     beside: float
     flat: float  #: Difference of height between places on one level
     comfort: float
@@ -117,6 +119,7 @@ class FootstepSearch:
             reach.width,
             stride,
             LEVEL,
+            _TOGETHER,
             _BESIDE,
             config.ground.level,
             _COMFORT,
@@ -163,7 +166,7 @@ class FootstepSearch:
         """Costs of plans that end here; infinite where the feet are not side by side."""
         apart = begun.at[:, LEFT] - begun.at[:, RIGHT]  # (k, 3)
         off = np.hypot(apart[:, 0], apart[:, 1] - self.limits.width)
-        stands = (np.abs(apart[:, 0]) <= LEVEL + 1e-9) & (off <= self._stance)
+        stands = (np.abs(apart[:, 0]) <= _TOGETHER + 1e-9) & (off <= self._stance)
         stands &= np.abs(apart[:, 2]) <= self.limits.flat
         left = np.maximum(distance - begun.at[:, :, 0].mean(axis=1), 0.0)
         costs: Vector = np.where(stands, begun.cost + self._costs.short * left / self.limits.stride, np.inf)
@@ -246,7 +249,7 @@ def _expand(
             beside = abs(ahead) <= limits.beside + 1e-9
             if ahead > limits.forward or swing > 2.0 * limits.body:
                 break
-            if ahead < -limits.level - 1e-9 or (apart and not beside):
+            if ahead < -limits.together - 1e-9 or (apart and not beside):
                 continue
             for j in range(len(sides)):
                 out = side * (sides[j] - stance[1])

@@ -8,11 +8,13 @@ from typing import Protocol
 
 from msgspec import Struct
 
-from models.errors import PoiseError
+from models.errors import PoiseError, UnreachableError
 from planners.gait.footsteps import Foothold, middle
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep
-from planners.terrain.footholds import GroundQuery
+from planners.terrain.detour import detour
+from planners.terrain.elevation_map import Heights
+from planners.terrain.footholds import GroundPlanner, GroundQuery
 
 _KEPT = 2  #: Footsteps that a plan on the way does not change: the DCM under way depends on the next by exp(-omega t)
 _NEAR = 0.06  #: Change of a foothold with which one footstep less is kept: the plan came after another touchdown [m]
@@ -51,17 +53,37 @@ class Answer(Struct, frozen=True):
     steps: tuple[Footstep, ...] = ()
     reason: str = ""  # why the steps end before the end of the way; empty when they do not
     level: bool = False  # the whole way is on the level of the feet, as far as it is known
-    blind: bool = False  # no map of the ground is there
+    blind: bool = False  # nothing is known of the way
     blocked: bool = False  # the steps planned so far cannot be taken any more
     poses: tuple[Foothold, ...] = ()  # to walk through beside what stands on the way
     stamp: float = 0.0  # of the newest light in the map [s]
+
+
+def answered(
+    planner: GroundPlanner, request: Request, ground: Heights, *, clearance: float, stamp: float = 0.0
+) -> Answer:
+    """The answer to a request on the ground as it is known, whose newest light has a stamp [s].
+
+    ``clearance`` is half the width that the robot needs beside what it walks around [m].
+    """
+    number, query = request.number, request.query
+    ground = planner.corrected(ground, query)
+    if request.around:
+        try:
+            poses = detour(ground, query.line, query.distance, clearance)
+        except UnreachableError as error:
+            return Answer(number, reason=str(error), stamp=stamp)
+        return Answer(number, poses=tuple(poses), stamp=stamp)
+    steps, reason = ([], "") if request.watch else planner.plan(ground, query)
+    level, blocked = planner.level(ground, query), planner.blocked(ground, query)
+    return Answer(number, tuple(steps), reason, bool(level), level is None, blocked, stamp=stamp)
 
 
 class GroundRoute:
     """Asks for plans, and has their footsteps taken, until the robot stands at the end of a line or cannot go on.
 
         request = route.request(t)             # after every tick; None when no plan is due
-        route.answer(Answer(request.number, ...))
+        route.answer(answered(planner, request, ground, ...))
 
     A plan from standing is made after ``look`` [s], in which the robot sees what is ahead. During the walk a touchdown
     makes a plan due whose steps follow the next ones; one that comes too late, or ends before the present plan, is not

@@ -199,6 +199,21 @@ def test_where_nothing_is_to_be_passed_it_follows_plans(bench: Any, g1: RobotMod
     assert not request.around and not request.watch
 
 
+def test_a_ground_planner_that_falls_silent_is_reported(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, warnings = Guided(bench, g1), list[str]()
+    monkeypatch.setattr(robot.node._ground, "_warn", lambda text, **_: warnings.append(text))
+    robot.drive(0.3)
+    robot.send(Answer(robot.ask().number, level=True))
+    robot.tick(1500)
+    assert not warnings
+    robot.stack.gait.state.steps += 1
+    robot.ask()
+    robot.until(lambda: warnings)
+    assert "no answer of the ground planner for 1 s" in warnings[0] and robot.stack.gait.state.command.moves
+
+
 def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_ends(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.drive(0.3)

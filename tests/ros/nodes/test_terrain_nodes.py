@@ -249,7 +249,7 @@ def test_a_given_map_is_published_without_clouds(bench: Any, g1: RobotModel, typ
 
 
 def test_points_of_no_known_state_or_frame_are_refused(bench: Any, g1: RobotModel) -> None:
-    mapper = bench.add(TerrainMapperNode, reliable=False)
+    mapper = bench.add(TerrainMapperNode, reliable=False, depth_frame="camera")
     publisher = bench.world.create_publisher(PointCloud2, topics.DEPTH_POINTS, SENSOR)
     bench.wait(publisher.get_subscription_count)
     message = cloud_message(MS, PointCloud(0.0, DEPTH_FRAME, np.zeros((3, 3))))
@@ -264,7 +264,9 @@ def test_points_of_no_known_state_or_frame_are_refused(bench: Any, g1: RobotMode
     world = World(bench, g1)
     world.until(lambda: mapper._joints.newest == world.stamp)
     publisher.publish(cloud_message(world.stamp, PointCloud(0.0, "gaze", np.zeros((3, 3)))))
-    bench.wait(lambda: "frame: 'gaze'" in mapper.values["last refusal"])
+    bench.wait(lambda: "'gaze' instead of 'camera', parameter depth_frame" in mapper.values["last refusal"])
+    publisher.publish(cloud_message(world.stamp, PointCloud(0.0, "camera", np.zeros((3, 3)))))
+    bench.wait(lambda: mapper._clouds)
 
 
 def test_single_points_without_a_state_are_only_counted(bench: Any, g1: RobotModel) -> None:
@@ -318,7 +320,7 @@ def test_states_are_those_of_the_stamp(bench: Any, g1: RobotModel) -> None:
 
 
 def test_a_malformed_state_is_refused_under_its_own_topic(bench: Any, g1: RobotModel) -> None:
-    mapper = bench.add(TerrainMapperNode, reliable=False)
+    mapper = bench.add(TerrainMapperNode, reliable=False, depth_frame="camera")
     publisher = bench.world.create_publisher(PointCloud2, topics.DEPTH_POINTS, SENSOR)
     world = World(bench, g1)
     world.state = structs.replace(world.state, q=np.zeros(g1.nq))

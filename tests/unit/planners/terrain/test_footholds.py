@@ -17,6 +17,7 @@ from planners.gait.scaling import load_gait_config
 from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlan, GroundPlanner, GroundQuery
+from planners.terrain.ground_route import Request, answered
 from planners.terrain.leg_extent import layer_at, leg_extent
 from planners.terrain.mapper import TerrainMapper
 from planners.terrain.survey import SoleSurvey
@@ -344,6 +345,9 @@ def test_a_detour_passes_on_the_nearer_free_side(mapper: TerrainMapper) -> None:
 
     plan_on(mapper, box)
     assert detour(mapper.ground(), START, 0.1, 0.3) == []
+    planner, query = GroundPlanner(G1, GAIT), GroundQuery(START, 0.1, soles_at(START, GAIT.reach.width))
+    around = answered(planner, Request(1, query, around=True), mapper.ground(), clearance=0.3)
+    assert around.poses == () and not around.reason
     first, last = detour(mapper.ground(), START, 1.4, 0.3)
     assert detour(mapper.ground(), START, 1e12, 0.3) == [first, last]  # beyond the map nothing is known
     assert first.y == last.y == pytest.approx(0.6, abs=0.06)
@@ -354,7 +358,7 @@ def test_a_detour_passes_on_the_nearer_free_side(mapper: TerrainMapper) -> None:
 
 
 def test_what_is_level_is_known_and_needs_no_plan(mapper: TerrainMapper) -> None:
-    def level_ahead(height: Callable[[float, float], float], distance: float) -> bool:
+    def level_ahead(height: Callable[[float, float], float], distance: float) -> bool | None:
         plan_on(mapper, height)
         query = GroundQuery(START, distance, soles_at(START, GAIT.reach.width))
         return GroundPlanner(G1, GAIT).level(mapper.ground(), query)
@@ -363,6 +367,22 @@ def test_what_is_level_is_known_and_needs_no_plan(mapper: TerrainMapper) -> None
     assert level_ahead(lambda x, _: 0.01 * x if x > 0.4 else math.nan, 1.0)
     assert level_ahead(riser, 0.6) and not level_ahead(riser, 0.9)
     assert not level_ahead(lambda x, y: -0.4 if x > 0.9 and y < 0.0 else 0.0, 0.9)  # under one foot
+    narrow: Callable[[float, float, float], float] = lambda x, y, z: z if 0.6 < x < 0.64 and 0.0 < y < 0.04 else 0.0  # noqa: E731
+    assert not level_ahead(lambda x, y: narrow(x, y, 0.5), 0.9)  # a post
+    assert level_ahead(lambda x, y: narrow(x, y, -0.5), 0.9)  # a hole that a sole spans
+    assert level_ahead(lambda *_: math.nan, 0.9) is None
+
+
+def test_the_reason_is_what_comes_first(mapper: TerrainMapper) -> None:
+    """A wall, and lower ground behind it."""
+    _, why = plan_on(mapper, lambda x, _: 0.0 if x < 0.5 else 0.4 if x < 0.56 else -0.4)
+    assert "0.40 m higher, at most" in why
+
+
+@pytest.mark.parametrize("distance", [math.nan, math.inf])
+def test_a_query_that_is_not_finite_is_none(distance: float) -> None:
+    with pytest.raises(ValueError, match="not finite"):
+        GroundQuery(START, distance, soles_at(START, GAIT.reach.width))
 
 
 @pytest.mark.parametrize(("behind", "is_level"), [(-0.15, False), (0.15, True), (0.0, True)])

@@ -91,8 +91,10 @@ def test_given_heights_count_from_the_stance_sole(g1: RobotModel) -> None:
     np.testing.assert_allclose(mapper.map.at(ahead), expected, atol=1e-9)
     np.testing.assert_allclose(mapper.ground().at(ahead), np.array(expected) + mapper.reference, atol=1e-9)
     assert np.isnan(mapper.map.at(np.array([[0.5, 0.7]]))).all()  # beside what is given
+    mapper.follow(3600.0, Posture(q, (True, True)))
+    np.testing.assert_allclose(mapper.map.at(ahead), expected, atol=1e-9)  # however long it stands
     mapper.map.height[:] += 0.04  # what is known, for instance seen, is kept
-    mapper.follow(0.1, Posture(q, (True, True)))
+    mapper.follow(3600.1, Posture(q, (True, True)))
     np.testing.assert_allclose(mapper.map.at(ahead), np.array(expected) + 0.04, atol=1e-9)
 
 
