@@ -189,11 +189,12 @@ class SurvivalBenchmark(Benchmark):
 
     required_share: float  #: Of the walks of each usual scenario that must survive; none survives where none ran [-]
     usual: Mapping[str, Any]  #: Scenarios by name
-    goals: Mapping[str, Any] = {}  #: Those that are measured only when chosen, without a bound
+    required: Mapping[str, Any] = {}  #: Those that are measured only when chosen, with the bound of the usual ones
+    goals: Mapping[str, Any] = {}  #: The same without a bound
     first_seed = 0  #: Without the option
 
     def cases(self, options: Options) -> list[Case]:
-        names = chosen(self.name, options.scenarios, [*self.usual, *self.goals], list(self.usual))
+        names = chosen(self.name, options.scenarios, [*self.usual, *self.required, *self.goals], list(self.usual))
         seeds = options.each_seed(self.first_seed)
         return [{"robot": options.robot, "seed": seed, "scenario": name} for name in names for seed in seeds]
 
@@ -211,7 +212,7 @@ class SurvivalBenchmark(Benchmark):
         """More figures of a scenario."""
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        totals = {name: report.figures.get(f"total_{name}", 0.0) for name in self.usual}
+        totals = {name: report.figures.get(f"total_{name}", 0.0) for name in (*self.usual, *self.required)}
         return at_least({f"survived_{name}": self.required_share * total for name, total in totals.items()})
 
     def survived(self, case: Case) -> tuple[str, bool]:

@@ -10,11 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.core.provenance import usable_cores
+from bridge.analysis.processor import cpu_time
 from models.errors import PoiseError
-
-#: Field of user time in ``/proc/PID/stat`` after the process' name, which may hold spaces; system time follows
-_UTIME = 11
-_TICK = 1.0 / os.sysconf("SC_CLK_TCK")  # length of the kernel's tick of these times [s]
 
 
 class Unavailable(PoiseError):
@@ -47,12 +44,6 @@ class UseMeter:
             except OSError:
                 continue
         return found
-
-
-def cpu_time(pid: int) -> float:
-    """User and system time that a process and its threads have taken so far [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    return (int(fields[_UTIME]) + int(fields[_UTIME + 1])) * _TICK
 
 
 def resident(pid: int | str) -> float:

@@ -89,6 +89,7 @@ class StairsConfig:
     plan_delay: NonNegative
     clearance: Positive
     rises: dict[str, Flight]
+    required: dict[str, Flight]
     goals: dict[str, Flight]
 
 
@@ -98,7 +99,7 @@ _config = partial(settings, StairsConfig, "stairs")
 def climb(robot: str, seed: int, scenario: str) -> Case:
     """Climb and descend a flight of the settings, by its name (``climb_flight``)."""
     config = _config()
-    return climb_flight({**config.rises, **config.goals}[scenario], robot, seed)
+    return climb_flight({**config.rises, **config.required, **config.goals}[scenario], robot, seed)
 
 
 def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
@@ -272,7 +273,8 @@ class StairsBench(SurvivalBenchmark):
     """The rises that have a bound, or those chosen, once a seed."""
 
     measure = staticmethod(climb)
-    required_share, usual, goals = _config().required_share, _config().rises, _config().goals
+    required_share, usual = _config().required_share, _config().rises
+    required, goals = _config().required, _config().goals
 
     def further(self, name: str, cases: list[Case]) -> dict[str, float]:
         """The mean ``time_`` of the walks that survived [s], and all trips."""

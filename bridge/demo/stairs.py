@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -18,6 +17,7 @@ from rich.console import Console
 from std_msgs.msg import Float64, UInt8MultiArray
 
 from bridge.analysis.plots import new_figure
+from bridge.analysis.processor import cpu_time
 from bridge.demo.report import CPU, Check, conclude, fell, judge_speed
 from bridge.demo.stage import DemoConfig, Stage, timed
 from bridge.launch.graph import Graph
@@ -248,9 +248,7 @@ def plot_stairs(recording: Recording, landings: Sequence[Landing], ground: Groun
 
 def cpu_times(pids: Mapping[str, int]) -> dict[str, float]:
     """Processor time of each process so far, by the last word of its module [s]."""
-    ticks = os.sysconf("SC_CLK_TCK")
-    fields = {name: Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").split() for name, pid in pids.items()}
-    return {name.rpartition(".")[2]: (int(each[13]) + int(each[14])) / ticks for name, each in fields.items()}
+    return {name.rpartition(".")[2]: cpu_time(pid) for name, pid in pids.items()}
 
 
 def demo_stairs(robot: str = "g1", out: Path = Path("out")) -> int:

@@ -13,11 +13,11 @@ CONFIG = stairs._config()
 BENCH = catalogue()["stairs"].load()
 
 
-def results(failures: int) -> list[dict[str, Any]]:
-    """Twenty seeds of every rise; so many of the highest one fall."""
+def results(failures: int, chosen: str = "") -> list[dict[str, Any]]:
+    """Twenty seeds of every rise, or of a chosen scenario; so many of the highest, or of that, fall."""
     outcome = {"fell": False, "reason": "", "time": 27.0, "distance": 6.9, "steps": 46, "survived": True, "trips": 0}
-    cases = [{**case, **outcome} for case in BENCH.cases(Options("g1", 20))]
-    for case in [case for case in cases if case["scenario"] == "rise_15"][:failures]:
+    cases = [{**case, **outcome} for case in BENCH.cases(Options("g1", 20, scenarios=(chosen,) if chosen else ()))]
+    for case in [case for case in cases if case["scenario"] in ("rise_15", chosen)][:failures]:
         case |= {"fell": True, "survived": False, "reason": "base tilted", "trips": 2}
     return cases
 
@@ -33,6 +33,12 @@ def test_eighteen_of_twenty_decide(failures: int, passes: bool) -> None:
     assert BENCH.passed(report) is passes
     assert report.figures["survived_rise_15"] == 20 - failures and report.figures["trips_rise_15"] == 2 * failures
     assert sum("base tilted after 46 steps" in note for note in BENCH.notes(report)) == failures
+
+
+@pytest.mark.parametrize(("chosen", "passes"), [("seen_15_ten", False), ("seen_blind", False), ("rise_18", True)])
+def test_a_chosen_scenario_has_the_bound_too_unless_it_is_a_goal(chosen: str, passes: bool) -> None:
+    assert BENCH.passed(report_of(results(3, chosen))) is passes
+    assert BENCH.passed(report_of(results(2, chosen)))
 
 
 def test_the_cases_are_the_bounded_rises_or_those_chosen() -> None:
