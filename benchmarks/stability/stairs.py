@@ -1,4 +1,4 @@
-"""Stairs of known geometry, walked without eyes; stairs and stones that the robot sees."""
+"""Stairs of known geometry, walked without range sensors; stairs and stones that the robot sees."""
 
 import math
 from collections.abc import Sequence

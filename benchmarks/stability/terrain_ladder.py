@@ -1,4 +1,4 @@
-"""Ladders of harder and harder ground, without and with eyes: up to which level enough of the walks survive."""
+"""Ladders of harder and harder ground, without and with range sensors: up to which level enough walks survive."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -23,13 +23,13 @@ from models.errors import ConfigError
 from models.profile import load_profile
 from models.terrain import terrain_named
 
-SEEN = "_seen"  #: End of the name of a ladder that is walked with eyes
+SEEN = "_seen"  #: End of the name of a ladder that is walked with range sensors
 COLUMNS = 4  #: Of the picture
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Ladder:
-    """One kind of ground, from easy to hard: walked without eyes, or a flight, which may be seen."""
+    """One kind of ground, from easy to hard: walked without range sensors, or a flight, which may be seen."""
 
     levels: Annotated[tuple[float, ...], Field(min_length=1)]
     unit: str  #: Of the levels
@@ -107,8 +107,8 @@ class TerrainLadder(Benchmark):
 
     def run(self, options: Options) -> Report:
         load, config = LoadMeter(), _config()
-        eyes = not options.contender and _has_eyes(options.robot)
-        usual = [name for name, ladder in config.ladders.items() if eyes or not isinstance(ladder.walk, Flight)]
+        sensed = not options.contender and _sees_ground(options.robot)
+        usual = [name for name, ladder in config.ladders.items() if sensed or not isinstance(ladder.walk, Flight)]
         cases: list[Case] = []
         for name in chosen(self.name, options.scenarios, list(config.ladders), usual):
             if name not in usual:
@@ -152,13 +152,13 @@ class TerrainLadder(Benchmark):
         return [picture, *draw_failures(report, folder)]
 
 
-def _has_eyes(robot: str) -> bool:
+def _sees_ground(robot: str) -> bool:
     sensors = load_profile(robot).sensors
     return sensors.depth is not None or sensors.lidar is not None
 
 
 def draw_ladders(reports: Sequence[Report]) -> Figure:
-    """Share survived over level, a panel for each kind of ground; dashed with eyes, labelled where not all is held."""
+    """Share survived over level, one panel a kind of ground; dashed with range sensors, labelled below 1."""
     config = _config()
     found = {report.who: levels_of(report.cases) for report in reports}
     names = {name: None for levels in found.values() for name in levels}
@@ -169,7 +169,7 @@ def draw_ladders(reports: Sequence[Report]) -> Figure:
         axes = figure.add_subplot(rows, min(COLUMNS, len(grounds)), place)
         for number, (who, ladders) in enumerate(found.items()):
             for name, style in ((ground, "o-"), (ground + SEEN, "s--")):
-                _draw_ladder(axes, ladders.get(name, {}), style, f"C{number}", f"{who}{', eyes' * (name != ground)}")
+                _draw_ladder(axes, ladders.get(name, {}), style, f"C{number}", f"{who}{', sensors' * (name != ground)}")
         ladder = config.ladders.get(ground) or config.ladders[ground + SEEN]
         if ladder.levels[0] > ladder.levels[-1]:
             axes.invert_xaxis()

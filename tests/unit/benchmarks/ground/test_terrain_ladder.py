@@ -78,7 +78,7 @@ def test_seeds_for_tuning_are_named_and_apart_from_those_that_judge() -> None:
     assert not any("judge nothing" in note for note in judged.notes)
 
 
-def test_eyes_are_asked_for_where_the_robot_has_them(tmp_path: Path) -> None:
+def test_seen_ground_is_walked_where_the_robot_has_range_sensors(tmp_path: Path) -> None:
     seen = {name for name, ladder in CONFIG.ladders.items() if isinstance(ladder.walk, Flight)}
     assert seen == {name for name in CONFIG.ladders if name.endswith("_seen")}
     report = walks(seeds=1)
