@@ -317,7 +317,7 @@ class GroundWalk:
         if route.active or self._law.route.left or not self._law.settled:
             return
         if goal is None:
-            if route.outcome == "level":
+            if route.outcome in ("level", "done"):  # the line has an end, the velocity has none
                 self._go_on()
             else:
                 self._block()
