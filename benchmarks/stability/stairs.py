@@ -17,15 +17,13 @@ from benchmarks.core.loops import demand
 from benchmarks.stability.falls import draw_distances, last_moments
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, NonNegative, Positive, Share
-from models.errors import UnreachableError
 from models.terrain import Box, Terrain
 from planners.gait.footsteps import Foothold, middle
 from planners.gait.route import Footstep
-from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
-from planners.terrain.footholds import GroundPlanner
+from planners.terrain.footholds import GroundPlanner, GroundQuery
 from planners.terrain.given_map import terrain_heights
-from planners.terrain.ground_route import Answer, GroundRoute, answered
+from planners.terrain.ground_route import Answer, GroundRoute, Request, answered
 from planners.terrain.stairs import Stairs, stair_footsteps
 
 _SETTLE = 4.0  #: After the footsteps, until the walk counts as stuck [s]
@@ -231,16 +229,20 @@ class Sight:
         loop.ground_view.blind = self._kind == "blind" and loop.t < self._begun + self._amount
 
 
+def _planner(loop: ClosedLoop) -> GroundPlanner:
+    return GroundPlanner(loop.robot, loop.gait.config)
+
+
 def walk_around(loop: ClosedLoop, distance: float) -> str:
     """Walk ahead over level ground [m], and beside what stands on it; empty, or why the robot cannot."""
     loop.run(_LOOK)
     here = middle(loop.gait.footholds)
     goal = Foothold(*here.moved(distance, 0.0), here.yaw, here.z)
-    try:
-        poses = detour(loop.ground_view.mapper.ground(), here, distance, _config().clearance)
-    except UnreachableError as error:
-        return str(error)
-    for pose in (*poses, goal):
+    planner, request = _planner(loop), Request(0, GroundQuery(here, distance, loop.gait.footholds), around=True)
+    answer = answered(planner, request, loop.ground_view.mapper.ground(), clearance=_config().clearance)
+    if answer.reason:
+        return answer.reason
+    for pose in (*answer.poses, goal):
         loop.gait.walk_to(pose)
         latest = loop.t + _config().limit
         while loop.t < latest and not loop.fallen and (loop.gait.route.left or not loop.gait.settled):
@@ -251,7 +253,7 @@ def walk_around(loop: ClosedLoop, distance: float) -> str:
 def walk_on_sight(loop: ClosedLoop, distance: float, sight: Sight | None = None) -> GroundRoute:
     """Walk straight ahead on the ground that the robot maps, over a distance [m]; or until it falls or is stuck."""
     sight = sight or Sight(loop)
-    planner, route, config = GroundPlanner(loop.robot, loop.gait.config), GroundRoute(loop.gait, loop.gait), _config()
+    planner, route, config = _planner(loop), GroundRoute(loop.gait, loop.gait), _config()
     loop.run(_PERIOD)
     route.begin(middle(loop.gait.footholds), distance)
     latest, answers = loop.t + config.limit, list[tuple[float, Answer]]()

@@ -30,7 +30,7 @@ from planners.gait.state import GaitView, capture_margin, coming_steps
 from planners.nodes.footstep_messages import path_from_steps
 from planners.nodes.gait_commands import RouteTopics
 from planners.nodes.gait_link import GaitStage, RemoteGait, declare_gait
-from planners.nodes.ground_walk import GroundWalk, declare_around
+from planners.nodes.ground_walk import GroundWalk, declare_ground
 
 TAKEN_MAX = 20  #: Length of ``gait/footsteps_taken``
 
@@ -142,7 +142,7 @@ class GaitPlannerNode(PoiseNode):
         text = "Silence of the supervisor after which the robot stops [s]"
         timeout = declare(self, "command_timeout", 0.5, text, low=0.01, high=10.0)
         self._periods = declare_rates(self)
-        declare_around(self)
+        self._ground_config = declare_ground(self)
         self._command = VelocityCommand(timeout)
         self._stamp = 0
         self._begun = False
@@ -155,7 +155,7 @@ class GaitPlannerNode(PoiseNode):
         self.listen(Twist, topics.GAIT_VELOCITY, self._on_velocity, COMMAND, while_active=True)
         self.listen(Empty, topics.GAIT_STOP, lambda message: self._stop("stopped"), EVENT)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
-        self._ground = GroundWalk(self, self._law, self._stack, self._gait.report_blocked)
+        self._ground = GroundWalk(self, self._law, self._stack, self._ground_config, self._gait.report_blocked)
         law, stack, command = self._law, self._stack, self._command
         self._routes = RouteTopics(self, law, stack, command, self._not_walking, self._soles, now, self._ground)
 

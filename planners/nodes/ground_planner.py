@@ -7,18 +7,20 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import UInt8MultiArray
 
+from models.config import default_config
 from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.grid_map import grid_map_type, layer_of
 from models.nodes.messages import stamp_ns, to_seconds
-from models.nodes.parameters import declare
+from models.nodes.parameters import declare, declare_config
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import program
 from planners.gait.scaling import load_gait_config
 from planners.nodes.gait_link import decode, encode
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner
+from planners.terrain.ground_config import GroundConfig
 from planners.terrain.ground_route import Answer, Request, answered
 
 
@@ -42,9 +44,10 @@ class GroundPlannerNode(PoiseNode):
         self._age_max = declare(self, "map_age_max", 1.0, text, low=0.05, high=60.0)
         text = "Half the width that the robot needs beside what it walks around [m]"
         self._clearance = declare(self, "clearance", 0.4, text, low=0.1, high=1.0)
+        self._config = declare_config(self, default_config(GroundConfig, "planners", "ground").plan, "plan.")
 
     def configure(self) -> None:
-        self._law = GroundPlanner(self.model, load_gait_config(self.model))
+        self._law = GroundPlanner(self.model, load_gait_config(self.model), self._config)
         self._missing = ""
         self._answers = self.announce(UInt8MultiArray, topics.GROUND_PLAN, EVENT)
         self.listen(UInt8MultiArray, topics.GROUND_REQUEST, self._on_request, EVENT, while_active=True)

@@ -10,10 +10,11 @@ from typing import Any
 from msgspec import structs
 from std_msgs.msg import UInt8MultiArray
 
+from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.parameters import describe
+from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import EVENT
 from models.types import STILL, Velocity
 from planners.gait.footsteps import Foothold, middle, wrap
@@ -21,25 +22,12 @@ from planners.gait.planner import GaitPlanner
 from planners.gait.route import plan_to_pose
 from planners.nodes.gait_link import GaitStage, decode, encode
 from planners.terrain.footholds import GroundQuery
+from planners.terrain.ground_config import GroundConfig
 from planners.terrain.ground_route import Answer, GroundRoute, Request
 
-_AHEAD = 0.6  #: How far ahead of the feet the ground is watched at least [m]
-_BESIDE = 0.4  #: The same to the sides and behind [m]
-_TIME = 1.0  #: And how far in time, at the commanded velocity [s]
-_PATIENCE = 1.0  #: Longest wait for the answer whether the ground is level; then the robot walks blind [s]
-_TURNED = 0.1  #: Heading from the line of a plan that the robot turns by first [rad]
-_FACING = 0.05  #: Heading from that of the goal that it turns by at the end [rad]
-_CONE = math.radians(45.0)  #: Between two directions up to which they count as one [rad]
-_AGAIN = 2.0  #: After which a robot that was stopped asks again [s]
-_SLOW = 0.02  #: Speed up to which nothing is watched [m/s]
-_ENDLESS = 20.0  #: Length of the line of a velocity [m]
-_NEAR = 0.1  #: Distance from a goal up to which the ground is watched ahead, not towards it [m]
-_LOOK = 1.0  #: How long it looks before it asks for a way around [s]
-_DETOURS = 5  #: Ways around that are tried for a goal
 _AROUND = "around"  #: Parameter
 _WARNED = 10.0  #: Between two warnings of the same kind [s]
 _UNSEEN = "nothing is known of the ground on the way: the robot walks without a map; see terrain_mapper and its clouds"
-_UNANSWERED = f"no answer of the ground planner for {_PATIENCE:g} s: the robot walks without a map meanwhile"
 
 
 class _Stage(Enum):
@@ -58,10 +46,14 @@ _WATCHING = (_Stage.ASKED, _Stage.BLIND, _Stage.BLOCKED)  #: It has asked for th
 _STOPPED = (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED)  #: The gait may not walk by itself
 
 
-def declare_around(node: PoiseNode) -> None:
-    """Declare the parameter ``around``."""
+def declare_ground(node: PoiseNode) -> GroundConfig:
+    """Declare what ``GroundWalk`` takes from ``ground.yaml``, and the parameter ``around``."""
+    default = default_config(GroundConfig, "planners", "ground")
+    watch = declare_config(node, default.watch, "ground_walk.watch.")
+    route = declare_config(node, default.route, "ground_walk.route.")
     text = "Whether to walk to a goal around what stands on level ground, instead of stepping upon it"
     node.declare_parameter(_AROUND, False, describe(text, read_only=False))
+    return GroundConfig(watch, route, default.plan)
 
 
 def _speed(velocity: Velocity) -> float:
@@ -73,27 +65,30 @@ def _bearing(velocity: Velocity) -> float:
     return math.atan2(velocity[1], velocity[0])
 
 
-def _leads_ahead(velocity: Velocity) -> bool:
-    return abs(_bearing(velocity)) <= _CONE
-
-
 class GroundWalk:
     """Watches the ground on the way to a goal or of a velocity, and walks on plans where it is not level.
 
     Without a ground planner, or a map, the gait walks as if this were not there. Else the ground planner is asked at
-    every touchdown whether the next ``_AHEAD`` (``_BESIDE`` to the sides and behind) are level. Where they are not, the
+    every touchdown whether the next ``ahead`` (``beside`` to the sides and behind) are level. Where they are not, the
     robot stops, turns to the goal, and follows ``GroundRoute``; at a velocity to the side or back it stays. With the
     parameter ``around`` it walks to a goal over level ground beside what stands in the way. ``report`` gets the reason
     for which it stands at a velocity, empty while it does not. A robot that cannot go on may turn, and asks again every
-    ``_AGAIN``; a velocity in another direction is a new command.
+    ``again``; a velocity in another direction is a new command.
 
     Attributes:
         outcome: Of the last goal: ``done``, or why it was not reached; empty where the gait's own route says so.
     """
 
-    def __init__(self, node: PoiseNode, law: GaitPlanner, stack: GaitStage, report: Callable[[str], None]) -> None:
-        self._law, self._stack, self._report = law, stack, report
-        self._route = GroundRoute(law, stack)
+    def __init__(
+        self,
+        node: PoiseNode,
+        law: GaitPlanner,
+        stack: GaitStage,
+        config: GroundConfig,
+        report: Callable[[str], None],
+    ) -> None:
+        self._law, self._stack, self._report, self._config = law, stack, report, config.watch
+        self._route = GroundRoute(law, stack, config.route)
         self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
         self._around = lambda: bool(node.get_parameter(_AROUND).value)
@@ -139,8 +134,8 @@ class GroundWalk:
         stopped = self._stage in _STOPPED
         if self._goal is not None:
             return STILL if stopped else velocity
-        moves = _speed(velocity) > _SLOW
-        if stopped and moves and abs(wrap(_bearing(velocity) - self._stopped)) <= _CONE:
+        moves = _speed(velocity) > self._config.slow
+        if stopped and moves and abs(wrap(_bearing(velocity) - self._stopped)) <= self._config.cone:
             self._velocity = velocity
             return (0.0, 0.0, velocity[2]) if self._stage is _Stage.BLOCKED else STILL
         if velocity == self._velocity:
@@ -156,8 +151,9 @@ class GroundWalk:
     def update(self, t: float) -> None:
         """After a tick of a stamp [s]."""
         self._t, law = t, self._law
-        if self._stage in _WATCHING and t - self._unanswered > _PATIENCE:
-            self._warn(_UNANSWERED, throttle_duration_sec=_WARNED)
+        if self._stage in _WATCHING and t - self._unanswered > self._config.patience:
+            text = f"no answer of the ground planner for {self._config.patience:g} s: the robot walks without a map"
+            self._warn(text, throttle_duration_sec=_WARNED)
             if self._stage is _Stage.ASKED:
                 self._walk_blind()
         match self._stage:
@@ -173,13 +169,13 @@ class GroundWalk:
             case _Stage.ROUTE:
                 self._follow(t)
             case _Stage.LOOK:
-                if t - self._asked > _LOOK and self._goal is not None:
+                if t - self._asked > self._config.look and self._goal is not None:
                     self._ask_around(self._goal)
             case _Stage.AROUND:
-                if t - self._asked > _PATIENCE:
+                if t - self._asked > self._config.patience:
                     self._finish("no way around came from the ground planner")
             case _Stage.BLOCKED:
-                if t - self._asked > _AGAIN:
+                if t - self._asked > self._config.again:
                     self._watch(_Stage.BLOCKED)
             case _Stage.LAST:
                 if not law.route.left:
@@ -189,11 +185,12 @@ class GroundWalk:
         """Ask whether the ground on the way is level."""
         self._stage, self._steps, self._asked = stage, self._law.steps, self._t
         feet, here = self._law.footholds, middle(self._law.footholds)
-        far = (_AHEAD if _leads_ahead(self._velocity) else _BESIDE) + _TIME * _speed(self._velocity)
+        config = self._config
+        far = (config.ahead if self._leads_ahead else config.beside) + config.time * _speed(self._velocity)
         line = structs.replace(here, yaw=here.yaw + _bearing(self._velocity))
         if (goal := self._target) is not None:
             ahead, way = self._way_to(goal)
-            line, far = ahead if way > _NEAR else here, min(far, way)
+            line, far = ahead if way > config.near else here, min(far, way)
         self._number -= 1
         self._unanswered = min(self._unanswered, self._t)
         self._send(Request(self._number, GroundQuery(line, far, feet), None, self._t, watch=True))
@@ -222,9 +219,13 @@ class GroundWalk:
         elif self._stage is _Stage.AROUND and answer.number == self._number and self._goal is not None:
             self._pass(answer, self._goal)
 
+    @property
+    def _leads_ahead(self) -> bool:
+        return abs(_bearing(self._velocity)) <= self._config.cone
+
     def _stop(self) -> None:
         """In front of ground that is not level; a robot that stands there already plans anew unless it turns."""
-        (x, y, turn), ahead = self._velocity, _leads_ahead(self._velocity)
+        (x, y, turn), ahead = self._velocity, self._leads_ahead
         if self._stage is _Stage.BLOCKED and (turn or not ahead):
             return
         if self._stage is not _Stage.BLOCKED and self._goal is None:
@@ -260,14 +261,14 @@ class GroundWalk:
         """It stands: turn to the goal, or follow plans along a line from here."""
         here, self._poses = middle(self._law.footholds), []
         if self._goal is None:
-            if not _leads_ahead(self._velocity):
+            if not self._leads_ahead:
                 self._block()
                 return
             self._stage = _Stage.ROUTE
-            self._route.begin(here, _ENDLESS)
+            self._route.begin(here, self._config.endless)
             return
         line, way = self._way_to(self._goal)
-        if abs(wrap(line.yaw - here.yaw)) > _TURNED:
+        if abs(wrap(line.yaw - here.yaw)) > self._config.turned:
             self._walk_to(line, _Stage.STOP)
             return
         if self._around():
@@ -291,8 +292,8 @@ class GroundWalk:
     def _pass(self, answer: Answer, goal: Foothold) -> None:
         """Walk through the poses of an answer, or over what is in the way where there is nothing to pass."""
         self._detours += 1
-        if answer.reason or self._detours > _DETOURS:
-            self._finish(answer.reason or f"no way around was found in {_DETOURS} tries")
+        if answer.reason or self._detours > self._config.detours:
+            self._finish(answer.reason or f"no way around was found in {self._config.detours} tries")
         elif answer.poses:
             self._poses = list(answer.poses)
             self._walk_blind()
@@ -322,7 +323,7 @@ class GroundWalk:
             else:
                 self._block()
                 self._report(route.outcome)
-        elif route.outcome == "done" and abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > _FACING:
+        elif route.outcome == "done" and abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > self._config.facing:
             self._walk_to(goal, _Stage.LAST)
         else:
             self._finish(route.outcome)

@@ -7,12 +7,13 @@ import numpy as np
 from models.errors import UnreachableError
 from models.types import Matrix
 from planners.gait.footsteps import Foothold
-from planners.terrain.elevation_map import STRAY, Heights, off_level
+from planners.terrain.elevation_map import Heights, off_level
+from planners.terrain.ground_config import PlanConfig
 
 _FINE = 0.05  #: Between ways that are tried [m]
 
 
-def detour(ground: Heights, line: Foothold, distance: float, clearance: float) -> list[Foothold]:
+def detour(ground: Heights, line: Foothold, distance: float, clearance: float, config: PlanConfig) -> list[Foothold]:
     """Poses beside what stands on a line within a ``distance`` [m]; none where the way is free.
 
     They are on the nearer free side, their heading is that of the line; ``clearance`` is half the width that the robot
@@ -23,11 +24,11 @@ def detour(ground: Heights, line: Foothold, distance: float, clearance: float) -
     ways, sides = np.arange(0.0, min(distance, reach) + clearance, cell), np.arange(-half, half, cell)
     places = np.array([line.moved(way, side) for way in ways.tolist() for side in sides.tolist()])
     heights: Matrix = ground.at(places).reshape(len(ways), len(sides))
-    off = off_level(heights, line.z)
+    off = off_level(heights, line.z, config.level)
 
     def free(begin: float, end: float, side: float) -> bool:
         rows = (ways >= begin) & (ways <= end)
-        return float(off[rows][:, np.abs(sides - side) <= clearance].sum()) < STRAY
+        return float(off[rows][:, np.abs(sides - side) <= clearance].sum()) < config.stray
 
     if free(0.0, distance, 0.0):
         return []

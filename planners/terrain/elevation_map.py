@@ -12,8 +12,6 @@ from models.numerics.compiled import njit
 from models.types import Matrix, Vector
 from planners.terrain.config import TerrainMapConfig
 
-LEVEL = 0.03  #: Difference of height from which ground is another [m]
-STRAY = 6.0  #: Cells off a level from which on it is none, counted by ``off_level``
 _NEIGHBOURS = 5  #: Known ones of 8 from which on a hole is closed
 _HOLE = 0.02  #: Difference of their heights up to which it is [m]
 
@@ -83,13 +81,13 @@ def level_offset(heights: Vector, known: float, roughness: float) -> float | Non
     return float(np.median(found))
 
 
-def off_level(heights: Matrix, level: float) -> Matrix:
-    """How far heights (any shape) [m] are off a level [m], counted in cells just off it; 0 on it and for nan.
+def off_level(heights: Matrix, level: float, most: float) -> Matrix:
+    """How far heights (any shape) are off a level by more than ``most`` [m], in cells just off it; 0 for nan.
 
-    Lower ones count 1, higher ones their height over ``LEVEL``: a sole spans a narrow hole, but no post.
+    Lower ones count 1, higher ones their height over ``most``: a sole spans a narrow hole, but no post.
     """
     rise = heights - level
-    off: Matrix = np.where(np.abs(rise) > LEVEL, np.maximum(rise / LEVEL, 1.0), 0.0)
+    off: Matrix = np.where(np.abs(rise) > most, np.maximum(rise / most, 1.0), 0.0)
     return off
 
 

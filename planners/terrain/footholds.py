@@ -19,17 +19,11 @@ from planners.gait.footsteps import LEFT, Feet, Foothold, rotated
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.tread import Tread
 from planners.terrain.config import TerrainMapConfig
-from planners.terrain.elevation_map import LEVEL, STRAY, Heights, level_offset, off_level
+from planners.terrain.elevation_map import Heights, level_offset, off_level
 from planners.terrain.footstep_search import FootstepSearch, Places, Step
-from planners.terrain.survey import BESIDE, FLAT, GRID, SoleSurvey
+from planners.terrain.ground_config import GroundConfig, PlanConfig
+from planners.terrain.survey import GRID, SoleSurvey
 
-_STRIDE = 0.25  #: Usual length of a step [m]
-_ASIDE = 0.30  #: To either side of the line they reach [m]
-_SHIFT = 0.2  #: From the line to those beside it [m]
-_SOON = 1.0  #: A plan that ends before this way is compared with those beside it [m]
-_LOWEST = 1.0  #: Of the known ground that counts as its lowest [%]
-_ARRIVED = 0.03  #: From the end of the way [m]
-_CHANGED = 0.1  #: Share of the ground of a step that is off its plan from which on the plan is void [-]
 _AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason why it cannot go on [m]
 
 
@@ -58,11 +52,12 @@ class GroundPlan(NamedTuple):
 class GroundPlanner:
     """Plans footsteps on the ground as it is known; where nothing is known beside the feet, they will feel it."""
 
-    def __init__(self, robot: RobotModel, config: GaitConfig) -> None:
-        self._config, self._ground = config, SoleSurvey(robot, config)
+    def __init__(self, robot: RobotModel, config: GaitConfig, plan: PlanConfig | None = None) -> None:
+        self.config = plan = plan or default_config(GroundConfig, "planners", "ground").plan
+        self._gait, self._ground = config, SoleSurvey(robot, config, plan.sole)
         mapping = default_config(TerrainMapConfig, "planners", "terrain_map")
         self._errors, self._roughness = mapping.feet, mapping.patches.roughness
-        self._search = FootstepSearch(config, _STRIDE, robot.feet[LEFT].rectangle)
+        self._search = FootstepSearch(config, plan, robot.feet[LEFT].rectangle)
         self._limits = self._search.limits
         soles = soles_at(Foothold(0.0, 0.0, 0.0), config.reach.width)
         level = Heights(np.zeros((9, 9)), (0.0, 0.0), 0.1)
@@ -75,7 +70,7 @@ class GroundPlanner:
         """
         limits, errors = self._errors, [self._ground.height_under(ground, sole) - sole.z for sole in query.feet]
         found = [error for error in errors if math.isfinite(error)]
-        error = float(np.mean(found)) if found and max(found) - min(found) <= FLAT else None
+        error = float(np.mean(found)) if found and max(found) - min(found) <= self.config.sole.flat else None
         if not found and not self._known(ground, query):
             x, y = self._ground.points.T
             ways, sides = x.max() + np.arange(0.0, limits.distance, ground.cell), np.unique(y)
@@ -94,14 +89,15 @@ class GroundPlanner:
         """
         found, way = self._plan_along(ground, query, query.line)
         begin = max(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
-        if not found.reason or way >= begin + _SOON:
+        if not found.reason or way >= begin + self.config.soon:
             return found
-        ways = np.arange(begin, begin + _SOON, ground.cell)
-        sides = np.arange(-_SHIFT - _ASIDE, _SHIFT + _ASIDE, ground.cell)
+        shift, aside = self.config.shift, self.config.aside
+        ways = np.arange(begin, begin + self.config.soon, ground.cell)
+        sides = np.arange(-shift - aside, shift + aside, ground.cell)
         heights = ground.at(_lattice(query.line, ways, sides))
         if (heights > max(sole.z for sole in query.feet) + self._limits.rise).any():
             return found
-        for side in (_SHIFT, -_SHIFT):
+        for side in (shift, -shift):
             x, y = query.line.moved(0.0, side)
             least = way + self._limits.stride
             other, end = self._plan_along(ground, query, structs.replace(query.line, x=x, y=y), least)
@@ -116,14 +112,14 @@ class GroundPlanner:
         at = np.array([(*line.relative(sole.x, sole.y), sole.z) for sole in query.feet])
         count = max(math.ceil((query.distance - float(at[:, 0].min())) / GRID[0]), 0) + 1
         ways: Vector = np.asarray(query.distance - GRID[0] * np.arange(count)[::-1], dtype=np.float64)
-        half = round(_ASIDE / GRID[1])
+        half = round(self.config.aside / GRID[1])
         sides: Vector = np.asarray(GRID[1] * np.arange(-half, half + 1), dtype=np.float64)
         places = Places(ways, sides, self._ground.survey(ground, line, ways, sides))
         if places.farthest < least:
             return GroundPlan([], ""), -math.inf
         known = self._known(ground, query)
         found = self._search.steps(places, at, query.foot, known=known, distance=query.distance)
-        steps = [_footstep(line, places, step) for step in found]
+        steps = [_footstep(line, places, step, self.config.sole.beside) for step in found]
         refusal = self._refusal(steps, query.feet)
         if refusal:
             steps = []
@@ -132,7 +128,7 @@ class GroundPlanner:
             feet[step.foot] = step.hold
         leading = max(feet, key=lambda sole: line.relative(sole.x, sole.y)[0])
         way = line.relative(leading.x, leading.y)[0]
-        arrived = query.distance - way <= _ARRIVED
+        arrived = query.distance - way <= self.config.arrived
         return GroundPlan(steps, "" if arrived else refusal or self._obstacle(ground, leading, line.yaw)), way
 
     def level(self, ground: Heights, query: GroundQuery) -> bool | None:
@@ -152,12 +148,12 @@ class GroundPlanner:
             return None
         if unknown.any():
             known = ground.values[np.isfinite(ground.values)]
-            heights[unknown] = min(float(np.percentile(known, _LOWEST)), level)
-        return float(off_level(heights, level).sum()) < STRAY
+            heights[unknown] = min(float(np.percentile(known, self.config.lowest)), level)
+        return float(off_level(heights, level, self.config.level).sum()) < self.config.stray
 
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:
         """Whether the ground under, between or beside the planned footsteps has changed since their plan."""
-        feet, points = list(query.feet), self._ground.points
+        feet, points, off, most = list(query.feet), self._ground.points, self.config.level, self.config.changed
         for step in query.planned:
             last, hold = feet[step.foot], step.hold
             feet[step.foot] = hold
@@ -165,13 +161,13 @@ class GroundPlanner:
                 continue
             places = np.array([hold.moved(x, y) for x, y in points.tolist()])
             level = np.array([step.tread.height(hold, x, y) for x, y in places.tolist()])
-            if (np.abs(ground.at(places) - level) > LEVEL).mean() > _CHANGED:
+            if (np.abs(ground.at(places) - level) > off).mean() > most:
                 return True
-            if self._ground.leg_in_ground(ground, hold) > LEVEL:
+            if self._ground.leg_in_ground(ground, hold) > off:
                 return True
             way = np.array([last.x - hold.x, last.y - hold.y])
             between = np.concatenate([places + share * way for share in np.arange(0.0, 1.0, _AHEAD_MIN)])
-            if (ground.at(between) > max(last.z, hold.z) + step.over + LEVEL).mean() > _CHANGED:
+            if (ground.at(between) > max(last.z, hold.z) + step.over + off).mean() > most:
                 return True
         return False
 
@@ -184,14 +180,14 @@ class GroundPlanner:
         """Why the gait would refuse the steps: feet that are turned from the line, too steep ground; empty if not."""
         try:
             if steps:
-                check_footsteps(steps, feet, self._config)
+                check_footsteps(steps, feet, self._gait)
         except PoiseError as error:
             return str(error)
         return ""
 
     def _obstacle(self, ground: Heights, stance: Foothold, yaw: float) -> str:
         """Why no foot can be put down ahead of a stance foot."""
-        reach, pose = self._config.reach, Foothold(stance.x, stance.y, yaw)
+        reach, pose = self._gait.reach, Foothold(stance.x, stance.y, yaw)
         rises = ground.at(_lattice(pose, np.arange(_AHEAD_MIN, reach.forward, 0.02), 0.0)) - stance.z
         beyond = rises[np.abs(rises) > reach.rise]
         if len(beyond):
@@ -213,8 +209,8 @@ def _lattice(line: Foothold, ways: ArrayLike, sides: ArrayLike) -> Matrix:
     return np.stack([line.x + c * along - s * across, line.y + s * along + c * across], axis=-1)
 
 
-def _footstep(line: Foothold, places: Places, step: Step) -> Footstep:
-    """The footstep to a place; its ground is felt where no sole was found to lie."""
+def _footstep(line: Foothold, places: Places, step: Step, beside: float) -> Footstep:
+    """The footstep to a place, with room ``beside`` it [m]; its ground is felt where no sole was found to lie."""
     survey, at = places.survey, (step.row, step.column)
     x, y = line.moved(float(places.ways[step.row]), float(places.sides[step.column]))
     hold = Foothold(x, y, line.yaw, step.height)
@@ -222,4 +218,4 @@ def _footstep(line: Foothold, places: Places, step: Step) -> Footstep:
         return Footstep(step.foot, hold)
     back, forward, right, left = survey.room[at].tolist()
     slope = rotated(line.yaw, float(survey.along[at]), float(survey.across[at]))
-    return Footstep(step.foot, hold, Tread(slope, (back, forward, right + BESIDE, left + BESIDE), step.over))
+    return Footstep(step.foot, hold, Tread(slope, (back, forward, right + beside, left + beside), step.over))

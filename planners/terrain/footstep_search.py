@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import NamedTuple
 
 import numpy as np
@@ -13,31 +14,25 @@ from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, RIGHT
 from planners.gait.tread import leg_height
-from planners.terrain.elevation_map import LEVEL
+from planners.terrain.ground_config import PlanConfig
 from planners.terrain.survey import Survey
 
-_TOGETHER = 0.03  #: Way between two soles up to which they are together [m]
-_PASSED = 0.6  #: Share of ``reach.rise`` for what a foot passes on its way: the body does not rise with it [-]
-_BESIDE = 0.10  #: Of way up to which feet are beside each other before and after a step to another level [m]
-_COMFORT = 0.01  #: Room ahead and back from which on an edge does not matter [m]
-_INSIDE = 0.01  #: A step is planned so far inside the reach [m]
-_STANCE = 0.03  #: Difference from the nominal stance in which a plan may end, beyond the width of a sole [m]
 _DEPTH = 40  #: Footsteps of a plan at most
 _WIDTH = 80  #: Beginnings of plans that are kept after each step
 _KEY = (0.04, 0.06)  #: Of beginnings whose feet are this near to each other along and across, the best is kept [m]
 
 
-class Costs(NamedTuple):
-    """Costs of a plan; each step costs 1."""
+class _Costs(NamedTuple):
+    """See ``CostsConfig``, for compiled code."""
 
-    left: float = 6.0  #: Of every stride of the distance that is left, while the search goes on,
-    short: float = 12.0  #: and at the end of a plan: more than a step in reach costs, so that it goes on
-    long: float = 60.0  #: Of the square of what a step, with its rise, is longer than the stride, or its swing than two
-    crouch: float = 200.0  #: Of the square of how much lower the body is between both soles [1/m^2]
-    edge: float = 0.6  #: Of a sole beside an edge
-    wall: float = 12.0  #: Of the squared share by which higher ground ahead or behind is too near to the leg
-    line: float = 400.0  #: Of the square of a sole's distance from its nominal place beside the line [1/m^2]
-    width: float = 300.0  #: Of the square of the difference from the nominal width between the feet [1/m^2]
+    left: float
+    short: float
+    long: float
+    crouch: float
+    edge: float
+    wall: float
+    line: float
+    width: float
 
 
 class Places(NamedTuple):
@@ -101,28 +96,28 @@ class FootstepSearch:
     """A beam search: from ``_WIDTH`` beginnings at most, each next step to every place where a sole lies and in reach.
 
     On one level the feet go ahead in turn; before and after a step to another level, or over what is higher than both
-    its ends, they are at most ``_BESIDE`` apart along the line, and at the end side by side.
+    its ends, they are at most ``beside`` apart along the line, and at the end side by side.
     """
 
-    def __init__(self, config: GaitConfig, stride: float, sole: tuple[float, float, float, float]) -> None:
-        """``stride`` is the usual length of a step [m], ``sole`` the rectangle of one."""
-        self._costs, self._stance = Costs(), _STANCE + sole[3] - sole[2]
+    def __init__(self, config: GaitConfig, plan: PlanConfig, sole: tuple[float, float, float, float]) -> None:
+        """``sole`` is the rectangle of one [m]."""
+        self._costs, self._stance = _Costs(**asdict(plan.costs)), plan.stance + sole[3] - sole[2]
         reach, velocity, period = config.reach, config.velocity, config.period
         self.limits = _Limits(
-            reach.forward - _INSIDE,
-            reach.width_min + _INSIDE,
-            reach.width_max - _INSIDE,
+            reach.forward - plan.inside,
+            reach.width_min + plan.inside,
+            reach.width_max - plan.inside,
             reach.rise,
-            _PASSED * reach.rise,
-            velocity.forward * period - _INSIDE,
-            velocity.lateral * period - _INSIDE,
+            plan.passed * reach.rise,
+            velocity.forward * period - plan.inside,
+            velocity.lateral * period - plan.inside,
             reach.width,
-            stride,
-            LEVEL,
-            _TOGETHER,
-            _BESIDE,
+            plan.stride,
+            plan.level,
+            plan.together,
+            plan.beside,
             config.ground.level,
-            _COMFORT,
+            plan.comfort,
             config.leg,
             sole[0],
             sole[1],
@@ -166,7 +161,7 @@ class FootstepSearch:
         """Costs of plans that end here; infinite where the feet are not side by side."""
         apart = begun.at[:, LEFT] - begun.at[:, RIGHT]  # (k, 3)
         off = np.hypot(apart[:, 0], apart[:, 1] - self.limits.width)
-        stands = (np.abs(apart[:, 0]) <= _TOGETHER + 1e-9) & (off <= self._stance)
+        stands = (np.abs(apart[:, 0]) <= self.limits.together + 1e-9) & (off <= self._stance)
         stands &= np.abs(apart[:, 2]) <= self.limits.flat
         left = np.maximum(distance - begun.at[:, :, 0].mean(axis=1), 0.0)
         costs: Vector = np.where(stands, begun.cost + self._costs.short * left / self.limits.stride, np.inf)
@@ -215,7 +210,7 @@ def _first_of_each(order: NDArray[np.int64], keys: Matrix, most: int) -> NDArray
 
 @njit(cache=True)
 def _expand(
-    begun: _Begun, ways: Vector, sides: Vector, survey: Survey, felt: float, limits: _Limits, costs: Costs
+    begun: _Begun, ways: Vector, sides: Vector, survey: Survey, felt: float, limits: _Limits, costs: _Costs
 ) -> tuple[Matrix, NDArray[np.int64], Matrix]:
     """Cost of each beginning (k) with a next step to each way (n), across from it at the best place; and that place.
 

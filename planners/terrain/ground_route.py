@@ -8,6 +8,7 @@ from typing import Protocol
 
 from msgspec import Struct
 
+from models.config import default_config
 from models.errors import PoiseError, UnreachableError
 from planners.gait.footsteps import Foothold, middle
 from planners.gait.planner import GaitPlanner
@@ -15,14 +16,7 @@ from planners.gait.route import Footstep
 from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner, GroundQuery
-
-_KEPT = 2  #: Footsteps that a plan on the way does not change: the DCM under way depends on the next by exp(-omega t)
-_NEAR = 0.06  #: Change of a foothold with which one footstep less is kept: the plan came after another touchdown [m]
-_ARRIVED = 0.05  #: From the end of the way, where the walk is over [m]
-_BACK = 0.03  #: By which a plan may end before the one that it replaces [m]
-_HORIZON = 2.0  #: How far ahead of the feet is planned at most [m]
-_PATIENCE = 5.0  #: Longest wait for a plan [s]
-_STOPS = 3  #: After so many stops for a plan that became void, the next one ends the walk
+from planners.terrain.ground_config import GroundConfig, RouteConfig
 
 
 class Walker(Protocol):
@@ -70,7 +64,7 @@ def answered(
     ground = planner.corrected(ground, query)
     if request.around:
         try:
-            poses = detour(ground, query.line, query.distance, clearance)
+            poses = detour(ground, query.line, query.distance, clearance, planner.config)
         except UnreachableError as error:
             return Answer(number, reason=str(error), stamp=stamp)
         return Answer(number, poses=tuple(poses), stamp=stamp)
@@ -96,8 +90,9 @@ class GroundRoute:
         plans: Plans that were used.
     """
 
-    def __init__(self, gait: GaitPlanner, walker: Walker, *, look: float = 1.0) -> None:
-        self._gait, self._walker, self._look = gait, walker, look
+    def __init__(self, gait: GaitPlanner, walker: Walker, config: RouteConfig | None = None) -> None:
+        self._gait, self._walker = gait, walker
+        self._config = config or default_config(GroundConfig, "planners", "ground").route
         self._number = 0
         self.outcome, self.plans = "done", 0
         self._pending: Request | None = None
@@ -125,30 +120,31 @@ class GroundRoute:
         if not self.active:
             return None
         if self._pending is not None:
-            if t - self._since > _PATIENCE:
-                self.end(f"no plan came for {_PATIENCE:g} s: see the ground planner")
+            if t - self._since > self._config.patience:
+                self.end(f"no plan came for {self._config.patience:g} s: see the ground planner")
             return None
         gait = self._gait
         if gait.route.left:
             self._standing = None
-            if gait.steps == self._asked or gait.route.left < _KEPT:
+            kept = self._config.kept
+            if gait.steps == self._asked or gait.route.left < kept:
                 return None
             self._asked = gait.steps
-            feet, foot = gait.soles_after(_KEPT), 1 - gait.route.steps[_KEPT - 1].foot
-            planned = self._taken[len(self._taken) + _KEPT - gait.route.left :]
+            feet, foot = gait.soles_after(kept), 1 - gait.route.steps[kept - 1].foot
+            planned = self._taken[len(self._taken) + kept - gait.route.left :]
             query = GroundQuery(self._line, self._reach(feet), feet, foot, planned)
-            return self._ask(t, query, gait.steps + _KEPT)
+            return self._ask(t, query, gait.steps + kept)
         if not gait.settled:
             return None
         if self.plans and gait.route.outcome not in ("", "done") and not self._stopped:
             self.end(gait.route.outcome)
             return None
         feet = gait.footholds
-        if self._distance - self._way(feet) <= _ARRIVED:
+        if self._distance - self._way(feet) <= self._config.arrived:
             self.end("done")
             return None
         self._standing = t if self._standing is None else self._standing
-        if t - self._standing < self._look:
+        if t - self._standing < self._config.look:
             return None
         return self._ask(t, GroundQuery(self._line, self._reach(feet), feet))
 
@@ -162,7 +158,7 @@ class GroundRoute:
             if answer.blocked:
                 self._stops, self._stopped = self._stops + 1, True
                 self._walker.stop()
-            if request.after is None or self._stops > _STOPS:
+            if request.after is None or self._stops > self._config.stops:
                 self.end(answer.reason or "the ground planner found no step")
             return
         if request.after is not None and not self._helps(request.after, answer):
@@ -188,19 +184,19 @@ class GroundRoute:
         return self._line.relative(here.x, here.y)[0]
 
     def _reach(self, feet: Sequence[Foothold]) -> float:
-        return min(self._distance, self._way(feet) + _HORIZON)
+        return min(self._distance, self._way(feet) + self._config.horizon)
 
     def _helps(self, after: int, answer: Answer) -> bool:
         """Whether steps after a touchdown are in time, and go as far as those that they replace if these still hold."""
         route, kept, steps = self._gait.route, after - self._gait.steps, answer.steps
         if not 1 <= kept <= route.left:
             return False
-        if self._end_of(steps) < self._end_of(route.steps) - _BACK and not answer.blocked:
+        if self._end_of(steps) < self._end_of(route.steps) - self._config.back and not answer.blocked:
             return False
-        if kept >= _KEPT:
+        if kept >= self._config.kept:
             return True
         old, new = route.steps[kept : kept + 1], steps[0].hold
-        return bool(old) and math.hypot(new.x - old[0].hold.x, new.y - old[0].hold.y) <= _NEAR
+        return bool(old) and math.hypot(new.x - old[0].hold.x, new.y - old[0].hold.y) <= self._config.near
 
     def _end_of(self, steps: Sequence[Footstep]) -> float:
         """How far ahead the last two steps end [m]."""

@@ -14,17 +14,11 @@ from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, Foothold
 from planners.terrain.elevation_map import Heights
+from planners.terrain.ground_config import SoleConfig
 from planners.terrain.leg_extent import layer_at, leg_extent
 
 GRID = (0.01, 0.02)  #: Between two places, along and across a line [m]
-BESIDE = 0.02  #: To either side of a sole, the ground that its plane is fitted to as well [m]
 _POINTS = 0.02  #: Between the points of that ground, at most [m]
-FLAT = 0.012  #: Largest deviation of that ground from its plane [m]
-_ROUGH = 0.018  #: The same where a sole may be moved to sideways: a cell on an edge is lower by half its height [m]
-_ROOM = (0.06, 0.30)  #: Ways along and across by which a sole may move on its ground that are looked for [m]
-_SAME = 0.01  #: Difference of height between neighbours of a lattice on the same ground [m]
-_HIGHER = 0.03  #: Above the plane of a sole from which on ground is higher [m]
-_WALL = 0.08  #: Distance ahead or behind of a leg from which on higher ground does not matter [m]
 
 
 class _Lattice(NamedTuple):
@@ -50,12 +44,12 @@ class Survey(NamedTuple):
     low: Matrix  #: Lowest and
     high: Matrix  #: highest of what is known [m]
     room: Matrix  #: By which the sole may move on the same ground: back, forward, right, left (n, m, 4) [m]
-    wall: Matrix  #: Share of ``_WALL`` by which higher ground is nearer to the leg [-]
+    wall: Matrix  #: Share of ``SoleConfig.wall`` by which higher ground is nearer to the leg [-]
     top: Matrix  #: Highest of what is known across the way of the middle of the sole; -inf where nothing is [m]
 
 
 class SoleSurvey:
-    """Fits planes to the ground under a sole, ``swing.edge`` around its ends and ``BESIDE`` it.
+    """Fits planes to the ground under a sole, ``swing.edge`` around its ends and beside it.
 
     A sole does not fit where its leg would be in higher ground, see ``leg_extent``.
 
@@ -63,26 +57,28 @@ class SoleSurvey:
         points: Places of that ground in the frame of the sole (k, 2) [m].
     """
 
-    def __init__(self, robot: RobotModel, config: GaitConfig) -> None:
+    def __init__(self, robot: RobotModel, config: GaitConfig, sole: SoleConfig) -> None:
+        self._sole, beside = sole, sole.beside
         x_min, x_max, y_min, y_max = robot.feet[LEFT].rectangle
         self._leg, edge = leg_extent(robot, config.pace.fast.crouch), config.swing.edge
-        across = np.linspace(y_min - BESIDE, y_max + BESIDE, 2 + round((y_max - y_min + 2.0 * BESIDE) / _POINTS))
+        across = np.linspace(y_min - beside, y_max + beside, 2 + round((y_max - y_min + 2.0 * beside) / _POINTS))
         along = np.linspace(x_min - edge, x_max + edge, 2 + round((x_max - x_min + 2.0 * edge) / _POINTS))
         self.points, self._across = np.array([(x, y) for x in along for y in across]), across
         self._inverse = np.linalg.pinv(np.column_stack([self.points, np.ones(len(self.points))]))
 
     def survey(self, ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> Survey:
         """Survey places at ``ways`` along a line (n,) and ``sides`` across it (m,), ``GRID`` apart [m]."""
-        more = round(_ROOM[0] / GRID[0])  # places beyond, for the room of the first and last
+        sole = self._sole
+        more = round(sole.along / GRID[0])  # places beyond, for the room of the first and last
         beyond = GRID[0] * np.arange(1, more + 1)
         longer = np.concatenate([ways[0] - beyond[::-1], ways, ways[-1] + beyond])
         heading = line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)
         grid = _Lattice(*ground, heading, longer, sides)
-        fits, planes, bounds = _fit_planes(grid, self.points, self._inverse, (FLAT, _ROUGH))
+        fits, planes, bounds = _fit_planes(grid, self.points, self._inverse, (sole.flat, sole.rough))
         height = planes[..., 2]
-        wall = _walls(grid, self._leg, self._across, fits, planes)
+        wall = _walls(grid, self._leg, self._across, fits, planes, (sole.higher, sole.wall))
         fits[wall > 1.0] = 0
-        room = _rooms(fits, height, (more, round(_ROOM[1] / GRID[1])), _SAME) * np.repeat(GRID, 2)
+        room = _rooms(fits, height, (more, round(sole.across / GRID[1])), sole.same) * np.repeat(GRID, 2)
         top = _tops(grid, self._across)
         layers = fits, height, planes[..., 0], planes[..., 1], bounds[..., 0], bounds[..., 1], room, wall, top
         return Survey(*(np.ascontiguousarray(layer[more:-more]) for layer in layers))
@@ -91,13 +87,13 @@ class SoleSurvey:
         """Height of the plane on which a sole at ``hold`` lies [m]; nan where it lies on none."""
         heading = hold.x, hold.y, math.cos(hold.yaw), math.sin(hold.yaw)
         grid = _Lattice(*ground, heading, np.zeros(1), np.zeros(1))
-        fits, planes, _ = _fit_planes(grid, self.points, self._inverse, (FLAT, _ROUGH))
+        fits, planes, _ = _fit_planes(grid, self.points, self._inverse, (self._sole.flat, self._sole.rough))
         return float(planes[0, 0, 2]) if fits[0, 0] == 1 else math.nan
 
     def leg_in_ground(self, ground: Heights, hold: Foothold) -> float:
         """How deep the leg over a sole at ``hold`` is in ground ahead of it or behind [m]; negative before that."""
         here = self.survey(ground, hold, np.zeros(1), np.zeros(1))
-        return float(here.wall[0, 0] - 1.0) * _WALL
+        return float(here.wall[0, 0] - 1.0) * self._sole.wall
 
 
 @njit(cache=True, forceinline=True)
@@ -215,27 +211,27 @@ def _walls(
     across: Vector,
     fits: NDArray[np.int8],
     planes: Matrix,
+    limits: tuple[float, float],
 ) -> Matrix:
-    """Share of ``_WALL`` by which higher ground on the middle line of a sole is nearer to its leg.
+    """Share of ``wall`` by which ``higher`` ground on the middle line of a sole is nearer to its leg.
 
     More than 1 where higher ground at any of the points ``across`` the sole (k,) [m] is within the leg.
     """
-    wall = np.zeros(fits.shape)
-    nearest = leg[0]
+    wall, nearest, (higher, farther) = np.zeros(fits.shape), leg[0], limits
     for i in range(len(grid.ways)):
         for j in range(len(grid.sides)):
             if fits[i, j] <= 0:
                 continue
             for k in range(-1, len(across)):
-                beside, beyond = (across[k], 0.0) if k >= 0 else (0.0, _WALL)
+                beside, beyond = (across[k], 0.0) if k >= 0 else (0.0, farther)
                 for side, sign in ((0, -1.0), (1, 1.0)):
                     ahead, farthest = nearest[side], leg[-1, side] + sign * beyond
                     while sign * (farthest - ahead) > 0.0:
                         ahead += sign * 0.5 * grid.cell
                         above = _height_at(grid, grid.ways[i] + ahead, grid.sides[j] + beside)
                         above -= planes[i, j, 2] + planes[i, j, 0] * ahead + planes[i, j, 1] * beside
-                        if above > _HIGHER:
-                            share = 1.0 - sign * (ahead - leg[layer_at(above, len(leg)), side]) / _WALL
+                        if above > higher:
+                            share = 1.0 - sign * (ahead - leg[layer_at(above, len(leg)), side]) / farther
                             if k < 0 or share > 1.0:
                                 wall[i, j] = max(wall[i, j], share)
     return wall

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from models.config import default_config
 from models.errors import UnreachableError
 from models.robot_model import RobotModel
 from planners.gait.footsteps import Foothold
@@ -17,6 +18,7 @@ from planners.gait.scaling import load_gait_config
 from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlan, GroundPlanner, GroundQuery
+from planners.terrain.ground_config import GroundConfig
 from planners.terrain.ground_route import Request, answered
 from planners.terrain.leg_extent import layer_at, leg_extent
 from planners.terrain.mapper import TerrainMapper
@@ -24,6 +26,7 @@ from planners.terrain.survey import SoleSurvey
 
 G1 = RobotModel.load("g1")
 GAIT = load_gait_config(G1)
+PLAN = default_config(GroundConfig, "planners", "ground").plan
 START = Foothold(0.0, 0.0, 0.0)
 X_MIN, X_MAX, Y_MIN, Y_MAX = G1.feet[0].rectangle
 
@@ -288,7 +291,7 @@ def test_a_sole_does_not_fit_where_its_leg_would_be_in_a_box(robot: RobotModel, 
     """Above the shin the leg reaches farther ahead than the sole does; the box may be ahead of a part of its width."""
     gait, (_, toe, *_) = load_gait_config(robot), robot.feet[0].rectangle
     ways, face = 0.01 * np.arange(70), 0.7
-    fits = SoleSurvey(robot, gait).survey(boxed(high, face, side), START, ways, np.zeros(1)).fits[:, 0] == 1
+    fits = SoleSurvey(robot, gait, PLAN.sole).survey(boxed(high, face, side), START, ways, np.zeros(1)).fits[:, 0] == 1
     extent = leg_extent(robot, gait.pace.fast.crouch)
     ahead = max(extent[layer_at(high, len(extent)), 1], toe + gait.swing.edge)
     last = ways[np.flatnonzero(fits)[-1]]
@@ -320,7 +323,7 @@ def test_cells_on_an_edge_do_not_take_the_room_across() -> None:
     """A cell that is met half on a tread is lower by some centimetre: the sole may still be moved sideways to it."""
     heights = np.zeros((40, 60))  # a tread from x = 0.06 to 0.3
     heights[:4], heights[15], heights[15, :24], heights[15, 36:], heights[16:] = 0.15, -0.01, -0.018, -0.018, -0.15
-    survey = SoleSurvey(G1, GAIT)
+    survey = SoleSurvey(G1, GAIT, PLAN.sole)
     ways, sides = np.arange(0.08, 0.2, 0.01), np.arange(-0.3, 0.31, 0.02)
     found = survey.survey(Heights(heights, (-0.02, -0.6), 0.02), START, ways, sides)
     fits = np.flatnonzero(found.fits[:, 15] == 1)
@@ -344,17 +347,17 @@ def test_a_detour_passes_on_the_nearer_free_side(mapper: TerrainMapper) -> None:
         return 0.3 if 0.6 < x < 1.0 and -0.5 < y < 0.3 else 0.0
 
     plan_on(mapper, box)
-    assert detour(mapper.ground(), START, 0.1, 0.3) == []
+    assert detour(mapper.ground(), START, 0.1, 0.3, PLAN) == []
     planner, query = GroundPlanner(G1, GAIT), GroundQuery(START, 0.1, soles_at(START, GAIT.reach.width))
     around = answered(planner, Request(1, query, around=True), mapper.ground(), clearance=0.3)
     assert around.poses == () and not around.reason
-    first, last = detour(mapper.ground(), START, 1.4, 0.3)
-    assert detour(mapper.ground(), START, 1e12, 0.3) == [first, last]  # beyond the map nothing is known
+    first, last = detour(mapper.ground(), START, 1.4, 0.3, PLAN)
+    assert detour(mapper.ground(), START, 1e12, 0.3, PLAN) == [first, last]  # beyond the map nothing is known
     assert first.y == last.y == pytest.approx(0.6, abs=0.06)
     assert first.x == pytest.approx(0.3, abs=0.05) and last.x == pytest.approx(1.3, abs=0.05)
     plan_on(mapper, lambda x, _: 0.3 if x > 0.6 else 0.0)
     with pytest.raises(UnreachableError, match="no way around"):
-        detour(mapper.ground(), START, 1.4, 0.3)
+        detour(mapper.ground(), START, 1.4, 0.3, PLAN)
 
 
 def test_what_is_level_is_known_and_needs_no_plan(mapper: TerrainMapper) -> None:

@@ -6,17 +6,20 @@ from itertools import pairwise
 import pytest
 from msgspec import structs
 
+from models.config import default_config
 from models.errors import CommandError
 from models.robot_model import RobotModel
 from planners.gait.footsteps import LEFT, RIGHT, Foothold, side_of
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep
 from planners.gait.tread import Tread
+from planners.terrain.ground_config import GroundConfig
 from planners.terrain.ground_route import Answer, GroundRoute, Request
 from tests.support import standing
 
 G1 = RobotModel.load("g1")
-DT, LOOK = 0.01, 1.0
+ROUTE = default_config(GroundConfig, "planners", "ground").route
+DT, LOOK = 0.01, ROUTE.look
 LINE = Foothold(0.0, 0.0, 0.0)
 
 
@@ -26,7 +29,7 @@ class Walked:
     def __init__(self, distance: float = 3.0) -> None:
         self.gait, self.t = GaitPlanner(G1), 0.0
         self.gait.reset(standing(G1))
-        self.route = GroundRoute(self.gait, self.gait, look=LOOK)
+        self.route = GroundRoute(self.gait, self.gait)
         self.route.begin(LINE, distance)
 
     def wait(self, limit: float = 3.0) -> Request:
