@@ -65,7 +65,7 @@ def own_motions(robot: str, folder: Path) -> Parameters:
 
 
 STARTING = "starting; where the kernels have not been compiled before, that takes a minute or two"
-START_TIMEOUT = 300.0  #: Longest wait for a node to answer while it starts; the first start compiles [s]
+START_TIMEOUT = 900.0  #: Longest wait for a node to answer while it starts; the first start compiles [s]
 SPIN_TIMEOUT = 0.05  #: Longest wait for a callback between two checks of the processes [s]
 RESTARTS_MAX = 5  #: Restarts of one process after which the launcher gives up
 

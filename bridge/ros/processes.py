@@ -269,7 +269,8 @@ def change_state(node: Any, spin: Callable[[], None], names: Sequence[str], tran
             spin()
             if time.monotonic() > end:
                 late = ", ".join(change.name for change in left)
-                raise PoiseError(f"{late}: no answer to '{_LABELS[transition]}' in {timeout:.0f} s")
+                kept = "what was compiled is kept: try again"
+                raise PoiseError(f"{late}: no answer to '{_LABELS[transition]}' in {timeout:.0f} s; {kept}")
     finally:
         for change in changes:
             change.close()

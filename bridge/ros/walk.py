@@ -114,7 +114,7 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     if not ended and seconds and client.mode == Mode.WALK.value and not client.wait(follows, LIMITING):
         ended = f"the robot does not follow the velocity: {_reasons(client)}"
     if gait.blocked:
-        ended = ended or f"at the end of {seconds:g} s {gait.blocked}"
+        ended = ended or f"{gait.blocked}, as its {seconds:g} s ended"
     stood = _stand(client, clock, ended or f"walked for {seconds:g} s{limit}")
     return CommandReply(stood.accepted and not ended, stood.reason)
 

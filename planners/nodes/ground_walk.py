@@ -98,6 +98,7 @@ class GroundWalk:
         self._goal: Foothold | None = None
         self._poses: list[Foothold] = []  # to walk through on the way to the goal
         self._detours = 0
+        self._beside = False  # plans have ended on a line beside that of the goal
         self._velocity = STILL
         self._stopped = 0.0  # bearing of the velocity that was stopped [rad]
         self._t = self._asked = 0.0
@@ -116,7 +117,7 @@ class GroundWalk:
         if not self._requests.get_subscription_count() or not count:
             self._stack.walk_to(goal)
             return self._law.route.left
-        self._goal, self._poses, self._detours = goal, [], 0
+        self._goal, self._poses, self._detours, self._beside = goal, [], 0, False
         self._watch(_Stage.ASKED)
         return count
 
@@ -268,6 +269,9 @@ class GroundWalk:
             self._route.begin(here, self._config.endless)
             return
         line, way = self._way_to(self._goal)
+        if self._beside:
+            self._finish(f"it stands {way:.2f} m beside the goal, and the ground between is not level")
+            return
         if abs(wrap(line.yaw - here.yaw)) > self._config.turned:
             self._walk_to(line, _Stage.STOP)
             return
@@ -323,6 +327,9 @@ class GroundWalk:
             else:
                 self._block()
                 self._report(route.outcome)
+        elif route.outcome == "done" and self._way_to(goal)[1] > self._config.near and not self._beside:
+            self._beside = True
+            self._watch(_Stage.ASKED)  # if the ground between is level the gait walks there by itself
         elif route.outcome == "done" and abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > self._config.facing:
             self._walk_to(goal, _Stage.LAST)
         else:

@@ -51,7 +51,10 @@ def terrain_heights(terrain: Terrain, cell: float = 0.02) -> Heights:
 def load_given_map(file: Path) -> Heights:
     """Heights of a map; ``ConfigError`` names the file that is missing or malformed."""
     file = file.expanduser()
-    given = load_config(GivenMap, file)
+    try:
+        given = load_config(GivenMap, file)
+    except ConfigError as error:
+        raise ConfigError(f"{error}; poise map writes such a file") from None
     image = file.parent / Path(given.image).expanduser()
     try:
         with Image.open(image) as opened:

@@ -121,7 +121,9 @@ class GroundRoute:
             return None
         if self._pending is not None:
             if t - self._since > self._config.patience:
-                self.end(f"no plan came for {self._config.patience:g} s: see the ground planner")
+                self.end(
+                    f"no plan came for {self._config.patience:g} s: the ground planner is busy, or restarts; try again"
+                )
             return None
         gait = self._gait
         if gait.route.left:

@@ -1,6 +1,7 @@
 """Walks on the map: level ground, what is not, what cannot be stepped on; and the node that plans."""
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -186,6 +187,28 @@ def test_told_so_it_walks_to_a_goal_around_what_is_in_the_way(bench: Any, g1: Ro
     robot.send(Answer(request.number, (), "no way around"))
     robot.until(lambda: robot.routes[-1].state is RouteState.ENDED)
     assert robot.routes[-1].reason == "no way around"
+
+
+@pytest.mark.parametrize("is_level", [True, False])
+def test_a_plan_that_ends_beside_the_goal_is_followed_by_a_walk_to_it_on_level_ground_only(
+    bench: Any, g1: RobotModel, is_level: bool
+) -> None:
+    robot = Guided(bench, g1)
+    robot.go(0.3)
+    robot.send(Answer(robot.ask().number))
+    robot.send(Answer(robot.ask().number, steps(0.1)))
+    robot.node._ground._route.end("done")  # as on a line beside that of the goal
+    robot.stack.gait.end_route("done")
+    robot.stack.gait.reset(robot.state)
+    robot.requests.clear()
+    request = robot.ask()
+    assert request.watch and robot.routes[-1].state is RouteState.RUNNING
+    robot.send(Answer(request.number, level=is_level))
+    if is_level:
+        assert robot.left
+    else:
+        robot.until(lambda: robot.routes[-1].state is RouteState.ENDED)
+        assert re.fullmatch(r"it stands 0\.3\d m beside the goal, .* not level", robot.routes[-1].reason)
 
 
 @pytest.mark.long
