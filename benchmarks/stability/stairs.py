@@ -23,7 +23,7 @@ from planners.gait.route import Footstep
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner, GroundQuery
 from planners.terrain.given_map import terrain_heights
-from planners.terrain.ground_route import Answer, GroundRoute, Request, answered
+from planners.terrain.ground_route import Answer, GroundRoute, Request, answer_request
 from planners.terrain.stairs import Stairs, stair_footsteps
 
 _SETTLE = 4.0  #: After the footsteps, until the walk counts as stuck [s]
@@ -239,7 +239,7 @@ def walk_around(loop: ClosedLoop, distance: float) -> str:
     here = middle(loop.gait.footholds)
     goal = Foothold(*here.moved(distance, 0.0), here.yaw, here.z)
     planner, request = _planner(loop), Request(0, GroundQuery(here, distance, loop.gait.footholds), around=True)
-    answer = answered(planner, request, loop.ground_view.mapper.ground(), clearance=_config().clearance)
+    answer = answer_request(planner, request, loop.ground_view.mapper.ground(), clearance=_config().clearance)
     if answer.reason:
         return answer.reason
     for pose in (*answer.poses, goal):
@@ -259,7 +259,7 @@ def walk_on_sight(loop: ClosedLoop, distance: float, sight: Sight | None = None)
     latest, answers = loop.t + config.limit, list[tuple[float, Answer]]()
     while loop.t < latest and not loop.fallen and route.active:
         if (request := route.request(loop.t)) is not None:
-            answer = answered(planner, request, sight.ground(), clearance=config.clearance)
+            answer = answer_request(planner, request, sight.ground(), clearance=config.clearance)
             answers.append((loop.t + config.plan_delay, answer))
         while answers and answers[0][0] <= loop.t:
             route.answer(answers.pop(0)[1])

@@ -167,7 +167,7 @@ class Client:
             return
         holder = graph_holder(self.namespace)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
-        remedy = f"poise up ({holder}) is starting, or does not answer; a real robot obeys its remote controller"
+        remedy = f"poise up ({holder}) is starting, or does not answer; use the remote controller of a real robot"
         if not holder:
             remedy = elsewhere or f"none is known in ROS domain {domain}, that of this terminal"
             remedy += "; if none is up, start it with: poise up"

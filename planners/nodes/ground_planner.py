@@ -21,7 +21,7 @@ from planners.nodes.gait_link import decode, encode
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner
 from planners.terrain.ground_config import GroundConfig
-from planners.terrain.ground_route import Answer, Request, answered
+from planners.terrain.ground_route import Answer, Request, answer_request
 
 
 def ground_from_message(message: Any) -> Heights:
@@ -72,7 +72,7 @@ class GroundPlannerNode(PoiseNode):
             answer = Answer(request.number, reason="no map of the ground", blind=True)
         else:
             ground, stamp = found
-            answer = answered(self._law, request, ground, clearance=self._clearance, stamp=stamp)
+            answer = answer_request(self._law, request, ground, clearance=self._clearance, stamp=stamp)
         self._plans, self._took = self._plans + 1, time.monotonic() - begin
         self._answers.publish(encode(answer))
 

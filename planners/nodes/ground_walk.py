@@ -22,7 +22,7 @@ from planners.gait.planner import GaitPlanner
 from planners.gait.route import plan_to_pose
 from planners.nodes.gait_link import GaitStage, decode, encode
 from planners.terrain.footholds import GroundQuery
-from planners.terrain.ground_config import GroundConfig
+from planners.terrain.ground_config import GroundConfig, RouteConfig, WatchConfig
 from planners.terrain.ground_route import Answer, GroundRoute, Request
 
 _AROUND = "around"  #: Parameter
@@ -46,14 +46,14 @@ _WATCHING = (_Stage.ASKED, _Stage.BLIND, _Stage.BLOCKED)  #: It has asked for th
 _STOPPED = (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED)  #: The gait may not walk by itself
 
 
-def declare_ground(node: PoiseNode) -> GroundConfig:
+def declare_ground(node: PoiseNode) -> tuple[WatchConfig, RouteConfig]:
     """Declare what ``GroundWalk`` takes from ``ground.yaml``, and the parameter ``around``."""
     default = default_config(GroundConfig, "planners", "ground")
     watch = declare_config(node, default.watch, "ground_walk.watch.")
     route = declare_config(node, default.route, "ground_walk.route.")
     text = "Whether to walk to a goal around what stands on level ground, instead of stepping upon it"
     node.declare_parameter(_AROUND, False, describe(text, read_only=False))
-    return GroundConfig(watch, route, default.plan)
+    return watch, route
 
 
 def _speed(velocity: Velocity) -> float:
@@ -70,10 +70,11 @@ class GroundWalk:
 
     Without a ground planner, or a map, the gait walks as if this were not there. Else the ground planner is asked at
     every touchdown whether the next ``ahead`` (``beside`` to the sides and behind) are level. Where they are not, the
-    robot stops, turns to the goal, and follows ``GroundRoute``; at a velocity to the side or back it stays. With the
-    parameter ``around`` it walks to a goal over level ground beside what stands in the way. ``report`` gets the reason
-    for which it stands at a velocity, empty while it does not. A robot that cannot go on may turn, and asks again every
-    ``again``; a velocity in another direction is a new command.
+    robot stops, turns to the goal, and follows ``GroundRoute``; where that ends beside the goal it walks there over
+    level ground. At a velocity to the side or back it stays. With the parameter ``around`` it walks to a goal over
+    level ground beside what stands in the way. ``report`` gets the reason for which it stands at a velocity, empty
+    while it does not. A robot that cannot go on may turn, and asks again every ``retry_period``; a velocity in another
+    direction is a new command.
 
     Attributes:
         outcome: Of the last goal: ``done``, or why it was not reached; empty where the gait's own route says so.
@@ -84,11 +85,12 @@ class GroundWalk:
         node: PoiseNode,
         law: GaitPlanner,
         stack: GaitStage,
-        config: GroundConfig,
+        config: tuple[WatchConfig, RouteConfig],
         report: Callable[[str], None],
     ) -> None:
-        self._law, self._stack, self._report, self._config = law, stack, report, config.watch
-        self._route = GroundRoute(law, stack, config.route)
+        self._law, self._stack, self._report = law, stack, report
+        self._config, route = config
+        self._route = GroundRoute(law, stack, route)
         self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
         self._around = lambda: bool(node.get_parameter(_AROUND).value)
@@ -98,11 +100,12 @@ class GroundWalk:
         self._goal: Foothold | None = None
         self._poses: list[Foothold] = []  # to walk through on the way to the goal
         self._detours = 0
-        self._beside = False  # plans have ended on a line beside that of the goal
+        self._beside = 0.0  # from the goal at the end of plans along a line beside it [m]
         self._velocity = STILL
         self._stopped = 0.0  # bearing of the velocity that was stopped [rad]
         self._t = self._asked = 0.0
         self._steps = -1  # touchdowns at the last watch
+        self._seen = False  # whether a ground planner was there
         self._unanswered = math.inf  # stamp of the first request since the last answer [s]
 
     @property
@@ -114,12 +117,17 @@ class GroundWalk:
         """Walk to a goal; returns the number of footsteps on level ground. Errors as ``plan_to_pose``."""
         count = len(plan_to_pose(goal, self._law.footholds, self._law.config))
         self.cancel("")
-        if not self._requests.get_subscription_count() or not count:
+        if not count or not self._planned():
             self._stack.walk_to(goal)
             return self._law.route.left
-        self._goal, self._poses, self._detours, self._beside = goal, [], 0, False
+        self._goal, self._poses, self._detours, self._beside = goal, [], 0, 0.0
         self._watch(_Stage.ASKED)
         return count
+
+    def _planned(self) -> bool:
+        """Whether there is a ground planner, or was one, so that its silence is a fault."""
+        self._seen = self._seen or self._requests.get_subscription_count() > 0
+        return self._seen
 
     def cancel(self, reason: str) -> None:
         """Another command, or none, from now on; footsteps under way are not affected."""
@@ -135,7 +143,7 @@ class GroundWalk:
         stopped = self._stage in _STOPPED
         if self._goal is not None:
             return STILL if stopped else velocity
-        moves = _speed(velocity) > self._config.slow
+        moves = _speed(velocity) > self._config.speed_min
         if stopped and moves and abs(wrap(_bearing(velocity) - self._stopped)) <= self._config.cone:
             self._velocity = velocity
             return (0.0, 0.0, velocity[2]) if self._stage is _Stage.BLOCKED else STILL
@@ -152,17 +160,17 @@ class GroundWalk:
     def update(self, t: float) -> None:
         """After a tick of a stamp [s]."""
         self._t, law = t, self._law
-        if self._stage in _WATCHING and t - self._unanswered > self._config.patience:
-            text = f"no answer of the ground planner for {self._config.patience:g} s: the robot walks without a map"
+        if self._stage in _WATCHING and t - self._unanswered > self._config.answer_timeout:
+            now = "stays where it is" if self._stage is _Stage.BLOCKED else "walks without a map"
+            text = f"no answer of the ground planner for {self._config.answer_timeout:g} s: the robot {now}"
             self._warn(text, throttle_duration_sec=_WARNED)
             if self._stage is _Stage.ASKED:
-                self._walk_blind()
+                self._walk_blind(known=False)
         match self._stage:
             case _Stage.BLIND:
-                watched = self._number < self._before or self._requests.get_subscription_count() > 0
                 if self._goal is not None and not law.route.left and (law.settled or not self._poses):
                     self._arrive(law.route.outcome)
-                elif law.steps != self._steps and watched:
+                elif law.steps != self._steps and self._planned():
                     self._watch(_Stage.BLIND)
             case _Stage.STOP:
                 if law.settled:
@@ -170,13 +178,13 @@ class GroundWalk:
             case _Stage.ROUTE:
                 self._follow(t)
             case _Stage.LOOK:
-                if t - self._asked > self._config.look and self._goal is not None:
+                if t - self._asked > self._config.look_time and self._goal is not None:
                     self._ask_around(self._goal)
             case _Stage.AROUND:
-                if t - self._asked > self._config.patience:
+                if t - self._asked > self._config.answer_timeout:
                     self._finish("no way around came from the ground planner")
             case _Stage.BLOCKED:
-                if t - self._asked > self._config.again:
+                if t - self._asked > self._config.retry_period:
                     self._watch(_Stage.BLOCKED)
             case _Stage.LAST:
                 if not law.route.left:
@@ -187,11 +195,11 @@ class GroundWalk:
         self._stage, self._steps, self._asked = stage, self._law.steps, self._t
         feet, here = self._law.footholds, middle(self._law.footholds)
         config = self._config
-        far = (config.ahead if self._leads_ahead else config.beside) + config.time * _speed(self._velocity)
+        far = (config.ahead if self._leads_ahead else config.beside) + config.preview_time * _speed(self._velocity)
         line = structs.replace(here, yaw=here.yaw + _bearing(self._velocity))
         if (goal := self._target) is not None:
             ahead, way = self._way_to(goal)
-            line, far = ahead if way > config.near else here, min(far, way)
+            line, far = ahead if way > config.near_goal else here, min(far, way)
         self._number -= 1
         self._unanswered = min(self._unanswered, self._t)
         self._send(Request(self._number, GroundQuery(line, far, feet), None, self._t, watch=True))
@@ -214,7 +222,7 @@ class GroundWalk:
             if not (answer.level or answer.blind):
                 self._stop()
             elif self._stage is _Stage.ASKED:
-                self._walk_blind()
+                self._walk_blind(known=answer.level)
             elif self._stage is _Stage.BLOCKED and answer.level and answer.number == self._number:
                 self._go_on()
         elif self._stage is _Stage.AROUND and answer.number == self._number and self._goal is not None:
@@ -242,8 +250,11 @@ class GroundWalk:
         """The next pose to walk to; None at a velocity."""
         return self._poses[0] if self._poses else self._goal
 
-    def _walk_blind(self) -> None:
-        """To the next pose by the gait's own route."""
+    def _walk_blind(self, *, known: bool = True) -> None:
+        """To the next pose by the gait's own route; not from beside the goal where the ground is not ``known``."""
+        if self._beside and not known:
+            self._finish(f"it stands {self._beside:.2f} m beside the goal, and the ground between is not known")
+            return
         target = self._target
         assert target is not None
         self._steps = self._law.steps
@@ -266,13 +277,13 @@ class GroundWalk:
                 self._block()
                 return
             self._stage = _Stage.ROUTE
-            self._route.begin(here, self._config.endless)
+            self._route.begin(here, self._config.line_length)
             return
         line, way = self._way_to(self._goal)
         if self._beside:
-            self._finish(f"it stands {way:.2f} m beside the goal, and the ground between is not level")
+            self._finish(f"it stands {self._beside:.2f} m beside the goal, and the ground between is not level")
             return
-        if abs(wrap(line.yaw - here.yaw)) > self._config.turned:
+        if abs(wrap(line.yaw - here.yaw)) > self._config.turn_min:
             self._walk_to(line, _Stage.STOP)
             return
         if self._around():
@@ -296,8 +307,8 @@ class GroundWalk:
     def _pass(self, answer: Answer, goal: Foothold) -> None:
         """Walk through the poses of an answer, or over what is in the way where there is nothing to pass."""
         self._detours += 1
-        if answer.reason or self._detours > self._config.detours:
-            self._finish(answer.reason or f"no way around was found in {self._config.detours} tries")
+        if answer.reason or self._detours > self._config.detours_max:
+            self._finish(answer.reason or f"no way around was found in {self._config.detours_max} tries")
         elif answer.poses:
             self._poses = list(answer.poses)
             self._walk_blind()
@@ -327,13 +338,16 @@ class GroundWalk:
             else:
                 self._block()
                 self._report(route.outcome)
-        elif route.outcome == "done" and self._way_to(goal)[1] > self._config.near and not self._beside:
-            self._beside = True
+        elif route.outcome == "done" and self._way_to(goal)[1] > self._config.near_goal:
+            self._beside = self._way_to(goal)[1]
             self._watch(_Stage.ASKED)  # if the ground between is level the gait walks there by itself
-        elif route.outcome == "done" and abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > self._config.facing:
+        elif route.outcome == "done" and self._turned_from(goal):
             self._walk_to(goal, _Stage.LAST)
         else:
             self._finish(route.outcome)
+
+    def _turned_from(self, goal: Foothold) -> bool:
+        return abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > self._config.heading_error
 
     def _block(self) -> None:
         """Stand at a velocity, and ask again later."""

@@ -15,7 +15,7 @@ from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import LEFT, Feet, Foothold, rotated
+from planners.gait.footsteps import LEFT, RIGHT, Feet, Foothold, rotated
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.tread import Tread
 from planners.terrain.config import TerrainMapConfig
@@ -40,6 +40,8 @@ class GroundQuery(Struct, frozen=True):
         poses = (self.line, *self.feet, *(step.hold for step in self.planned))
         if not all(map(math.isfinite, (self.distance, *(value for pose in poses for value in structs.astuple(pose))))):
             raise ValueError("a pose or the distance is not finite")
+        if self.foot not in (None, LEFT, RIGHT):
+            raise ValueError(f"foot {self.foot} is neither {LEFT} (left) nor {RIGHT} (right)")
 
 
 class GroundPlan(NamedTuple):
@@ -89,10 +91,10 @@ class GroundPlanner:
         """
         found, way = self._plan_along(ground, query, query.line)
         begin = max(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
-        if not found.reason or way >= begin + self.config.soon:
+        if not found.reason or way >= begin + self.config.short_way:
             return found
         shift, aside = self.config.shift, self.config.aside
-        ways = np.arange(begin, begin + self.config.soon, ground.cell)
+        ways = np.arange(begin, begin + self.config.short_way, ground.cell)
         sides = np.arange(-shift - aside, shift + aside, ground.cell)
         heights = ground.at(_lattice(query.line, ways, sides))
         if (heights > max(sole.z for sole in query.feet) + self._limits.rise).any():
@@ -132,10 +134,10 @@ class GroundPlanner:
         return GroundPlan(steps, "" if arrived else refusal or self._obstacle(ground, leading, line.yaw)), way
 
     def level(self, ground: Heights, query: GroundQuery) -> bool | None:
-        """Whether the ground along the way is level where the feet walk: no plan is needed. None where all is unknown.
+        """Whether the ground along the way is level where the feet walk: no plan is needed.
 
         What is not known is taken to be as low as the lowest ground of the map: on a landing it may be an edge, on a
-        floor it is more floor.
+        floor it is more floor. None where it is a floor and nothing on the way is known.
         """
         half = 0.5 * self._limits.width + self._ground.points[:, 1].max()
         start = min(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
@@ -143,12 +145,11 @@ class GroundPlanner:
         sides = np.arange(-half, half + 1e-6, ground.cell)
         heights = ground.at(_lattice(query.line, ways, sides))
         level = float(np.mean([sole.z for sole in query.feet]))
-        unknown = np.isnan(heights)
-        if unknown.all():
+        unknown, known = np.isnan(heights), ground.values[np.isfinite(ground.values)]
+        lowest = min(float(np.percentile(known, self.config.lowest)), level) if len(known) else level
+        if unknown.all() and lowest >= level - self.config.level:
             return None
-        if unknown.any():
-            known = ground.values[np.isfinite(ground.values)]
-            heights[unknown] = min(float(np.percentile(known, self.config.lowest)), level)
+        heights[unknown] = lowest
         return float(off_level(heights, level, self.config.level).sum()) < self.config.stray
 
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:

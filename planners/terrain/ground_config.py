@@ -7,52 +7,52 @@ from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, Count, NonNegative, Positive, Share
 
+Room = Annotated[float, Field(ge=0.02, le=1.0)]  #: At least a place of the lattice
+
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class WatchConfig:
     """What a walking robot watches of the ground, and when it walks on plans."""
 
-    ahead: NonNegative  #: How far ahead of the feet the ground is watched at least [m]
-    beside: NonNegative  #: The same to the sides and behind [m]
-    time: NonNegative  #: And how far in time, at the commanded velocity [s]
-    patience: NonNegative  #: Longest wait for the answer whether the ground is level; then it walks without a map [s]
-    again: NonNegative  #: After which a robot that was stopped asks again [s]
-    slow: NonNegative  #: Speed up to which nothing is watched [m/s]
-    turned: NonNegative  #: Heading from the line of a plan that the robot turns by first [rad]
-    facing: NonNegative  #: Heading from that of the goal that it turns by at the end [rad]
-    cone: NonNegative  #: Between two directions up to which they count as one [rad]
-    near: NonNegative  #: Distance from a goal up to which the ground is watched ahead, not towards it [m]
-    endless: NonNegative  #: Length of the line of a velocity [m]
-    look: NonNegative  #: How long it looks before it asks for a way around [s]
-    detours: Count  #: Ways around that are tried for a goal
+    ahead: Positive  #: How far ahead of the feet the ground is watched at least [m]
+    beside: Positive  #: The same to the sides and behind [m]
+    preview_time: NonNegative  #: And how far in time, at the commanded velocity [s]
+    answer_timeout: Positive  #: Longest wait for the answer whether the ground is level [s]
+    retry_period: Positive  #: After which a robot that was stopped asks again [s]
+    speed_min: NonNegative  #: Speed up to which nothing is watched [m/s]
+    turn_min: Positive  #: Heading from the line of a plan that the robot turns by first [rad]
+    heading_error: Positive  #: Heading from that of the goal that it turns by at the end [rad]
+    cone: Annotated[float, Field(gt=0.0, lt=1.57)]  #: Between two directions up to which they count as one [rad]
+    near_goal: Positive  #: Distance from a goal up to which the ground is watched ahead, not towards it [m]
+    line_length: Positive  #: Length of the line of a velocity [m]
+    look_time: NonNegative  #: How long it looks before it asks for a way around [s]
+    detours_max: Count  #: Ways around that are tried for a goal
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RouteConfig:
     """Plans on the way along a line."""
 
-    look: Positive  #: How long a standing robot looks before it plans [s]
+    look_time: NonNegative  #: How long a standing robot looks before it plans [s]
     kept: Count  #: Footsteps that a plan on the way does not change
-    near: Positive  #: Change of a foothold with which a plan may come a touchdown late [m]
+    change_max: Positive  #: Change of a foothold with which a plan may come a touchdown late [m]
     arrived: Positive  #: From the end of the way, where the walk is over [m]
-    back: Positive  #: By which a plan may end before the one that it replaces [m]
+    shortfall_max: Positive  #: By which a plan may end before the one that it replaces [m]
     horizon: Positive  #: How far ahead of the feet is planned at most [m]
-    patience: Positive  #: Longest wait for a plan [s]
-    stops: Annotated[int, Field(ge=0)]  #: After so many stops for a plan that became void, the next one ends the walk
+    plan_timeout: Positive  #: Longest wait for a plan [s]
+    stops_max: Count  #: After so many stops for a plan that became void, the next one ends the walk
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SoleConfig:
     """Ground that a sole lies on."""
 
-    beside: Positive  #: To either side of it, the ground that its plane is fitted to as well [m]
+    beside: NonNegative  #: To either side of it, the ground that its plane is fitted to as well [m]
     flat: Positive  #: Largest deviation of that ground from its plane [m]
-    rough: (
-        Positive  #: The same where a sole may be moved to sideways: a cell on an edge is lower by half its height [m]
-    )
+    rough: Positive  #: The same where a sole may be moved to sideways [m]
     same: Positive  #: Difference of height between neighbours of the lattice on the same ground [m]
-    along: Positive  #: Way ahead and back by which a sole may move on its ground that is looked for [m]
-    across: Positive  #: The same to the sides [m]
+    along: Room  #: Way ahead and back by which a sole may move on its ground that is looked for [m]
+    across: Room  #: The same to the sides [m]
     higher: Positive  #: Above the plane of a sole from which on ground is higher [m]
     wall: Positive  #: Distance ahead or behind of a leg from which on higher ground does not matter [m]
 
@@ -78,17 +78,17 @@ class PlanConfig:
     stride: Positive  #: Usual length of a step [m]
     aside: Positive  #: To either side of the line footholds reach [m]
     shift: Positive  #: From the line to those beside it [m]
-    soon: Positive  #: A plan that ends before this way is compared with those beside it [m]
+    short_way: Positive  #: A plan that ends before this way is compared with those beside it [m]
     arrived: Positive  #: From the end of the way, where a plan is complete [m]
-    level: Positive  #: Difference of height from which ground is another [m]; what feet take blind on stairs
-    stray: Positive  #: Cells off a level from which on it is none, higher ones counted by their height over `level`
+    level: Positive  #: Difference of height from which ground is another [m]
+    stray: Positive  #: Cells off a level from which on it is none, higher ones counted by their height
     lowest: Annotated[float, Field(ge=0.0, le=50.0)]  #: Of the known ground that counts as its lowest [%]
     changed: Share  #: Share of the ground of a step that is off its plan from which on the plan is void [-]
-    passed: Share  #: Share of `reach.rise` for what a foot passes on its way: the body does not rise with it [-]
+    passed: Share  #: Share of `reach.rise` for what a foot passes on its way [-]
     beside: Positive  #: Way up to which feet are beside each other before and after a step to another level [m]
     together: Positive  #: The same at the end of a plan [m]
     comfort: Positive  #: Room ahead and back from which on an edge does not matter [m]
-    inside: Positive  #: A step is planned so far inside the reach [m]
+    inside: NonNegative  #: A step is planned so far inside the reach [m]
     stance: Positive  #: Difference from the nominal stance in which a plan may end, beyond the width of a sole [m]
     sole: SoleConfig
     costs: CostsConfig

@@ -53,7 +53,7 @@ class Answer(Struct, frozen=True):
     stamp: float = 0.0  # of the newest light in the map [s]
 
 
-def answered(
+def answer_request(
     planner: GroundPlanner, request: Request, ground: Heights, *, clearance: float, stamp: float = 0.0
 ) -> Answer:
     """The answer to a request on the ground as it is known, whose newest light has a stamp [s].
@@ -77,13 +77,13 @@ class GroundRoute:
     """Asks for plans, and has their footsteps taken, until the robot stands at the end of a line or cannot go on.
 
         request = route.request(t)             # after every tick; None when no plan is due
-        route.answer(answered(planner, request, ground, ...))
+        route.answer(answer_request(planner, request, ground, ...))
 
-    A plan from standing is made after ``look`` [s], in which the robot sees what is ahead. During the walk a touchdown
-    makes a plan due whose steps follow the next ones; one that comes too late, or ends before the present plan, is not
-    used, unless the ground of that has changed. So the robot goes on without a stop where the map grows in time;
-    otherwise it stands, looks and goes on, also where its plan became void and no other one was found: what a map shows
-    during a walk may be wrong for a moment. The walk ends with the reason of a plan from standing.
+    A plan from standing is made after ``look_time`` [s], in which the robot sees what is ahead. During the walk a
+    touchdown makes a plan due whose steps follow the next ones; one that comes too late, or ends before the present
+    plan, is not used, unless the ground of that has changed. So the robot goes on without a stop where the map grows in
+    time; otherwise it stands, looks and goes on, also where its plan became void and no other one was found: what a map
+    shows during a walk may be wrong for a moment. The walk ends with the reason of a plan from standing.
 
     Attributes:
         outcome: Empty under way; ``done``, or why the walk has ended.
@@ -120,10 +120,8 @@ class GroundRoute:
         if not self.active:
             return None
         if self._pending is not None:
-            if t - self._since > self._config.patience:
-                self.end(
-                    f"no plan came for {self._config.patience:g} s: the ground planner is busy, or restarts; try again"
-                )
+            if t - self._since > self._config.plan_timeout:
+                self.end(f"no plan came for {self._config.plan_timeout:g} s: the ground planner is busy, or restarts")
             return None
         gait = self._gait
         if gait.route.left:
@@ -146,7 +144,7 @@ class GroundRoute:
             self.end("done")
             return None
         self._standing = t if self._standing is None else self._standing
-        if t - self._standing < self._config.look:
+        if t - self._standing < self._config.look_time:
             return None
         return self._ask(t, GroundQuery(self._line, self._reach(feet), feet))
 
@@ -160,7 +158,7 @@ class GroundRoute:
             if answer.blocked:
                 self._stops, self._stopped = self._stops + 1, True
                 self._walker.stop()
-            if request.after is None or self._stops > self._config.stops:
+            if request.after is None or self._stops > self._config.stops_max:
                 self.end(answer.reason or "the ground planner found no step")
             return
         if request.after is not None and not self._helps(request.after, answer):
@@ -193,12 +191,12 @@ class GroundRoute:
         route, kept, steps = self._gait.route, after - self._gait.steps, answer.steps
         if not 1 <= kept <= route.left:
             return False
-        if self._end_of(steps) < self._end_of(route.steps) - self._config.back and not answer.blocked:
+        if self._end_of(steps) < self._end_of(route.steps) - self._config.shortfall_max and not answer.blocked:
             return False
         if kept >= self._config.kept:
             return True
         old, new = route.steps[kept : kept + 1], steps[0].hold
-        return bool(old) and math.hypot(new.x - old[0].hold.x, new.y - old[0].hold.y) <= self._config.near
+        return bool(old) and math.hypot(new.x - old[0].hold.x, new.y - old[0].hold.y) <= self._config.change_max
 
     def _end_of(self, steps: Sequence[Footstep]) -> float:
         """How far ahead the last two steps end [m]."""

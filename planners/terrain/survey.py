@@ -76,7 +76,7 @@ class SoleSurvey:
         grid = _Lattice(*ground, heading, longer, sides)
         fits, planes, bounds = _fit_planes(grid, self.points, self._inverse, (sole.flat, sole.rough))
         height = planes[..., 2]
-        wall = _walls(grid, self._leg, self._across, fits, planes, (sole.higher, sole.wall))
+        wall = _walls(grid, self._leg, self._across, fits, planes, sole.higher, sole.wall)
         fits[wall > 1.0] = 0
         room = _rooms(fits, height, (more, round(sole.across / GRID[1])), sole.same) * np.repeat(GRID, 2)
         top = _tops(grid, self._across)
@@ -211,19 +211,20 @@ def _walls(
     across: Vector,
     fits: NDArray[np.int8],
     planes: Matrix,
-    limits: tuple[float, float],
+    higher: float,
+    reach: float,
 ) -> Matrix:
-    """Share of ``wall`` by which ``higher`` ground on the middle line of a sole is nearer to its leg.
+    """Share of ``reach`` [m] by which ground ``higher`` than the middle line of a sole [m] is nearer to its leg.
 
     More than 1 where higher ground at any of the points ``across`` the sole (k,) [m] is within the leg.
     """
-    wall, nearest, (higher, farther) = np.zeros(fits.shape), leg[0], limits
+    wall, nearest = np.zeros(fits.shape), leg[0]
     for i in range(len(grid.ways)):
         for j in range(len(grid.sides)):
             if fits[i, j] <= 0:
                 continue
             for k in range(-1, len(across)):
-                beside, beyond = (across[k], 0.0) if k >= 0 else (0.0, farther)
+                beside, beyond = (across[k], 0.0) if k >= 0 else (0.0, reach)
                 for side, sign in ((0, -1.0), (1, 1.0)):
                     ahead, farthest = nearest[side], leg[-1, side] + sign * beyond
                     while sign * (farthest - ahead) > 0.0:
@@ -231,7 +232,7 @@ def _walls(
                         above = _height_at(grid, grid.ways[i] + ahead, grid.sides[j] + beside)
                         above -= planes[i, j, 2] + planes[i, j, 0] * ahead + planes[i, j, 1] * beside
                         if above > higher:
-                            share = 1.0 - sign * (ahead - leg[layer_at(above, len(leg)), side]) / farther
+                            share = 1.0 - sign * (ahead - leg[layer_at(above, len(leg)), side]) / reach
                             if k < 0 or share > 1.0:
                                 wall[i, j] = max(wall[i, j], share)
     return wall

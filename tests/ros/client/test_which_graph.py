@@ -25,7 +25,7 @@ pytestmark = pytest.mark.ros
 
 def test_a_robot_that_is_starting_is_no_reason_to_start_one(context: Context, ros_domain_id: int) -> None:
     with Client(namespace="robot_1") as client:
-        starting = rf"poise up \(g1, process {os.getpid()}\) is starting, or does not answer; a real robot obeys its"
+        starting = rf"poise up \(g1, process {os.getpid()}\) is starting, or does not answer; use the remote"
         with claim_graph("g1", None, "/robot_1"), pytest.raises(CommandError, match=starting):
             client.robot(timeout=0.3)
         with pytest.raises(CommandError, match="start it with: poise up"):

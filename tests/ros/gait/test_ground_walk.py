@@ -1,7 +1,6 @@
 """Walks on the map: level ground, what is not, what cannot be stepped on; and the node that plans."""
 
 import math
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -97,8 +96,8 @@ class Guided(StandingGait):
         self.plans.publish(encode(answer))
         self.bench.spin(0.2)
 
-    def go(self, x: float) -> None:
-        self.goal.publish(pose_message(Foothold(x, 0.0, 0.0), topics.ODOM_FRAME))
+    def go(self, x: float, y: float = 0.0) -> None:
+        self.goal.publish(pose_message(Foothold(x, y, 0.0), topics.ODOM_FRAME))
         self.bench.wait(lambda: self.routes)
 
     def drive(self, forward: float, left: float = 0.0, turn: float = 0.0) -> None:
@@ -189,26 +188,29 @@ def test_told_so_it_walks_to_a_goal_around_what_is_in_the_way(bench: Any, g1: Ro
     assert robot.routes[-1].reason == "no way around"
 
 
-@pytest.mark.parametrize("is_level", [True, False])
-def test_a_plan_that_ends_beside_the_goal_is_followed_by_a_walk_to_it_on_level_ground_only(
-    bench: Any, g1: RobotModel, is_level: bool
+@pytest.mark.parametrize(
+    ("answer", "end"),
+    [({"level": True}, ""), ({}, "not level"), ({"blind": True}, "not known"), (None, "not known")],
+)
+def test_from_beside_its_goal_it_walks_there_over_ground_that_is_known_to_be_level(
+    bench: Any, g1: RobotModel, answer: dict[str, bool] | None, end: str
 ) -> None:
     robot = Guided(bench, g1)
-    robot.go(0.3)
+    robot.go(0.04, 0.3)  # no plan has a way left to go, so that the route ends at once
     robot.send(Answer(robot.ask().number))
-    robot.send(Answer(robot.ask().number, steps(0.1)))
-    robot.node._ground._route.end("done")  # as on a line beside that of the goal
-    robot.stack.gait.end_route("done")
     robot.stack.gait.reset(robot.state)
-    robot.requests.clear()
+    robot.node._ground._beside = 0.0
+    robot.node._ground._stage = robot.node._ground._stage.ROUTE
+    robot.node._ground._route.end("done")
     request = robot.ask()
-    assert request.watch and robot.routes[-1].state is RouteState.RUNNING
-    robot.send(Answer(request.number, level=is_level))
-    if is_level:
-        assert robot.left
-    else:
-        robot.until(lambda: robot.routes[-1].state is RouteState.ENDED)
-        assert re.fullmatch(r"it stands 0\.3\d m beside the goal, .* not level", robot.routes[-1].reason)
+    assert request.watch and request.query.distance == pytest.approx(0.3, abs=0.02)
+    if answer is not None:
+        robot.send(Answer(request.number, **answer))
+    if not end:
+        assert robot.left and robot.routes[-1].state is RouteState.RUNNING
+        return
+    robot.until(lambda: robot.routes[-1].state is RouteState.ENDED)
+    assert robot.routes[-1].reason == f"it stands 0.30 m beside the goal, and the ground between is {end}"
 
 
 @pytest.mark.long
@@ -231,8 +233,10 @@ def test_a_ground_planner_that_falls_silent_is_reported(
     robot.send(Answer(robot.ask().number, level=True))
     robot.tick(1500)
     assert not warnings
+    subscription = next(each for each in bench.world.subscriptions if each.topic_name.endswith(topics.GROUND_REQUEST))
+    bench.world.destroy_subscription(subscription)  # its process has ended
+    bench.wait(lambda: not robot.node._ground._requests.get_subscription_count())
     robot.stack.gait.state.steps += 1
-    robot.ask()
     robot.until(lambda: warnings)
     assert "no answer of the ground planner for 1 s" in warnings[0] and robot.stack.gait.state.command.moves
 

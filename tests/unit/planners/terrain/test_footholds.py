@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from planners.terrain.detour import detour
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlan, GroundPlanner, GroundQuery
 from planners.terrain.ground_config import GroundConfig
-from planners.terrain.ground_route import Request, answered
+from planners.terrain.ground_route import Request, answer_request
 from planners.terrain.leg_extent import layer_at, leg_extent
 from planners.terrain.mapper import TerrainMapper
 from planners.terrain.survey import SoleSurvey
@@ -349,7 +350,7 @@ def test_a_detour_passes_on_the_nearer_free_side(mapper: TerrainMapper) -> None:
     plan_on(mapper, box)
     assert detour(mapper.ground(), START, 0.1, 0.3, PLAN) == []
     planner, query = GroundPlanner(G1, GAIT), GroundQuery(START, 0.1, soles_at(START, GAIT.reach.width))
-    around = answered(planner, Request(1, query, around=True), mapper.ground(), clearance=0.3)
+    around = answer_request(planner, Request(1, query, around=True), mapper.ground(), clearance=0.3)
     assert around.poses == () and not around.reason
     first, last = detour(mapper.ground(), START, 1.4, 0.3, PLAN)
     assert detour(mapper.ground(), START, 1e12, 0.3, PLAN) == [first, last]  # beyond the map nothing is known
@@ -374,6 +375,8 @@ def test_what_is_level_is_known_and_needs_no_plan(mapper: TerrainMapper) -> None
     assert not level_ahead(lambda x, y: narrow(x, y, 0.5), 0.9)  # a post
     assert level_ahead(lambda x, y: narrow(x, y, -0.5), 0.9)  # a hole that a sole spans
     assert level_ahead(lambda *_: math.nan, 0.9) is None
+    assert level_ahead(lambda x, _: 0.0 if x < -0.3 else math.nan, 0.9) is None
+    assert level_ahead(lambda x, _: -0.6 if x < -0.3 else math.nan, 0.9) is False  # perhaps on a landing
 
 
 def test_the_reason_is_what_comes_first(mapper: TerrainMapper) -> None:
@@ -382,10 +385,38 @@ def test_the_reason_is_what_comes_first(mapper: TerrainMapper) -> None:
     assert "0.40 m higher, at most" in why
 
 
-@pytest.mark.parametrize("distance", [math.nan, math.inf])
-def test_a_query_that_is_not_finite_is_none(distance: float) -> None:
-    with pytest.raises(ValueError, match="not finite"):
-        GroundQuery(START, distance, soles_at(START, GAIT.reach.width))
+@pytest.mark.parametrize(
+    ("change", "culprit"),
+    [
+        ({"distance": math.nan}, "not finite"),
+        ({"distance": math.inf}, "not finite"),
+        ({"line": Foothold(0.0, math.nan, 0.0)}, "not finite"),
+        ({"planned": (Footstep(0, Foothold(math.inf, 0.0, 0.0)),)}, "not finite"),
+        ({"foot": 7}, "foot 7 is neither"),
+    ],
+)
+def test_a_malformed_query_is_refused(change: dict[str, Any], culprit: str) -> None:
+    query = GroundQuery(START, 1.0, soles_at(START, GAIT.reach.width))
+    with pytest.raises(ValueError, match=culprit):
+        structs.replace(query, **change)
+
+
+def test_a_plan_that_the_gait_refuses_ends_with_its_reason() -> None:
+    """The feet are turned from the line by a radian."""
+    ground = Heights(np.zeros((200, 200)), (-2.0, -2.0), 0.02)
+    turned = Foothold(0.0, 0.0, 1.0)
+    steps, reason = GroundPlanner(G1, GAIT).plan(ground, GroundQuery(START, 1.0, soles_at(turned, GAIT.reach.width)))
+    assert not steps and "footstep 1 (left) refused: legs would cross" in reason
+
+
+@pytest.mark.parametrize(
+    ("rise", "cells", "free"),
+    [(0.04, 4, True), (0.04, 5, False), (-0.04, 5, True), (-0.04, 6, False), (0.2, 1, False)],
+)
+def test_a_detour_passes_over_a_few_cells_off_the_level(rise: float, cells: int, free: bool) -> None:
+    heights = np.zeros((100, 100))
+    heights[60, 48 : 48 + cells] = rise  # 0.2 m ahead
+    assert (detour(Heights(heights, (-1.0, -1.0), 0.02), START, 0.8, 0.2, PLAN) == []) is free
 
 
 @pytest.mark.parametrize(("behind", "is_level"), [(-0.15, False), (0.15, True), (0.0, True)])

@@ -19,7 +19,7 @@ from tests.support import standing
 
 G1 = RobotModel.load("g1")
 ROUTE = default_config(GroundConfig, "planners", "ground").route
-DT, LOOK = 0.01, ROUTE.look
+DT, LOOK = 0.01, ROUTE.look_time
 LINE = Foothold(0.0, 0.0, 0.0)
 
 
