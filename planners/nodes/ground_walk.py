@@ -117,14 +117,14 @@ class GroundWalk:
         """Walk to a goal; returns the number of footsteps on level ground. Errors as ``plan_to_pose``."""
         count = len(plan_to_pose(goal, self._law.footholds, self._law.config))
         self.cancel("")
-        if not count or not self._planned():
+        if not count or not self._has_planner():
             self._stack.walk_to(goal)
             return self._law.route.left
         self._goal, self._poses, self._detours, self._beside = goal, [], 0, 0.0
         self._watch(_Stage.ASKED)
         return count
 
-    def _planned(self) -> bool:
+    def _has_planner(self) -> bool:
         """Whether there is a ground planner, or was one, so that its silence is a fault."""
         self._seen = self._seen or self._requests.get_subscription_count() > 0
         return self._seen
@@ -160,7 +160,7 @@ class GroundWalk:
     def update(self, t: float) -> None:
         """After a tick of a stamp [s]."""
         self._t, law = t, self._law
-        if self._stage in _WATCHING and t - self._unanswered > self._config.answer_timeout:
+        if t - self._unanswered > self._config.answer_timeout and self._stage in _WATCHING:  # every tick
             now = "stays where it is" if self._stage is _Stage.BLOCKED else "walks without a map"
             text = f"no answer of the ground planner for {self._config.answer_timeout:g} s: the robot {now}"
             self._warn(text, throttle_duration_sec=_WARNED)
@@ -170,7 +170,7 @@ class GroundWalk:
             case _Stage.BLIND:
                 if self._goal is not None and not law.route.left and (law.settled or not self._poses):
                     self._arrive(law.route.outcome)
-                elif law.steps != self._steps and self._planned():
+                elif law.steps != self._steps and self._has_planner():
                     self._watch(_Stage.BLIND)
             case _Stage.STOP:
                 if law.settled:

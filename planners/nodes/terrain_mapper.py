@@ -159,10 +159,11 @@ class TerrainMapperNode(PoiseNode):
         if posture is None:
             return
         begin = time.monotonic()
-        cloud, (named, frame) = cloud_from_message(message), self._frames[topic]
-        if cloud.frame != named:
+        (named, frame), sent = self._frames[topic], message.header.frame_id
+        if sent != named:
             parameter = f"parameter {topic.partition('/')[0]}_frame"
-            raise MessageError(f"header.frame_id: '{cloud.frame[:32]}' instead of '{named}', {parameter}")
+            raise MessageError(f"header.frame_id: '{sent[:32]}' instead of '{named}', {parameter}")
+        cloud = cloud_from_message(message)
         self._law.update(PointCloud(cloud.t, frame, cloud.points), posture)
         self._matched[topic] = time.monotonic()
         self._took, self._clouds = self._matched[topic] - begin, self._clouds + 1

@@ -145,11 +145,13 @@ class GroundPlanner:
         sides = np.arange(-half, half + 1e-6, ground.cell)
         heights = ground.at(_lattice(query.line, ways, sides))
         level = float(np.mean([sole.z for sole in query.feet]))
-        unknown, known = np.isnan(heights), ground.values[np.isfinite(ground.values)]
-        lowest = min(float(np.percentile(known, self.config.lowest)), level) if len(known) else level
-        if unknown.all() and lowest >= level - self.config.level:
-            return None
-        heights[unknown] = lowest
+        unknown = np.isnan(heights)
+        if unknown.any():
+            known = ground.values[np.isfinite(ground.values)]
+            lowest = min(float(np.percentile(known, self.config.lowest)), level) if len(known) else level
+            if unknown.all() and lowest >= level - self.config.level:
+                return None
+            heights[unknown] = lowest
         return float(off_level(heights, level, self.config.level).sum()) < self.config.stray
 
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:
