@@ -50,10 +50,12 @@ class GaitStatus(Status, frozen=True):
     limited: str = ""  # how the commanded velocity exceeds the limits of the gait; empty within them
     blocked: str = ""  # why it stops at a velocity, or stands, in front of ground; empty while it does not
 
+    unmapped: str = ""  # why it walks without the map of the ground that it should have; empty with it
+
     @property
-    def restraint(self) -> str:
-        """Why it does not walk as commanded; empty while it does."""
-        return self.blocked or self.limited
+    def remarks(self) -> str:
+        """Why it does not walk as commanded, or without a map; empty while it does as it should."""
+        return "; ".join(filter(None, (self.blocked or self.limited, self.unmapped)))
 
 
 class MotionState(Enum):

@@ -31,6 +31,7 @@ from models.nodes.messages import (
     JointCommandCodec,
     JointStateCodec,
     WrenchCodec,
+    clock_message,
     mode_named,
     set_stamp,
     stamp_ns,
@@ -198,9 +199,7 @@ class StatusTopics:
 
     def publish_time(self, stamp: int) -> None:
         """Publish the time of the robot [ns]."""
-        message = Clock()
-        set_stamp(message.clock, stamp)
-        self._time.publish(message)
+        self._time.publish(clock_message(stamp))
         self.publish_factor(stamp)
 
     def begin_factor(self, stamp: int, factor: float) -> None:
@@ -225,7 +224,10 @@ class StatusTopics:
 
 
 class TruthTopics:
-    """Publishers of ``ground_truth/odom``, and of ``joint_states`` and ``obstacle`` beside it while subscribed to."""
+    """Publishers of ``ground_truth/odom``, and of ``joint_states`` and ``obstacle`` beside it while subscribed to.
+
+    ``measured`` is the stamp of the newest of these states from which the range sensors have measured [ns], 0 without.
+    """
 
     def __init__(self, node: PoiseNode, plant: SimulatedPlant) -> None:
         self._plant = plant
@@ -233,6 +235,11 @@ class TruthTopics:
         self._odometry = node.announce(Odometry, topics.GROUND_TRUTH, STATE)
         self._joints = node.announce(JointState, topics.GROUND_TRUTH_JOINTS, STATE)
         self._obstacle = node.announce(PoseStamped, topics.GROUND_TRUTH_OBSTACLE, STATE)
+        self.measured = 0
+        node.listen(Clock, topics.RANGE_SENSORS_TIME, self._on_measured, SENSOR)
+
+    def _on_measured(self, message: Clock) -> None:
+        self.measured = stamp_ns(message.clock)
 
     def publish(self, stamp: int) -> None:
         """Publish the true state and the place of the obstacle with a stamp [ns]; the joints last."""

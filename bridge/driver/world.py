@@ -14,7 +14,7 @@ from bridge.plants.world import MujocoWorld, Place
 from models.errors import CommandError, ConfigError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS
-from models.nodes.messages import set_stamp
+from models.nodes.messages import clock_message
 from models.nodes.qos import STATE
 from models.robot_model import RobotModel
 
@@ -184,6 +184,4 @@ class DriverWorld:
             self._publish_time()
 
     def _publish_time(self) -> None:
-        message = Clock()
-        set_stamp(message.clock, round(self.tick * self.world.period * NANOSECONDS))
-        self._clock.publish(message)
+        self._clock.publish(clock_message(round(self.tick * self.world.period * NANOSECONDS)))

@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 import numpy as np
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from bridge.nodes.camera_node import NICENESS
@@ -14,7 +15,7 @@ from bridge.plants.range_sensors import RayWorld, Schedule, SimulatedDepthCamera
 from models.errors import ConfigError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.messages import to_seconds
+from models.nodes.messages import clock_message, to_seconds
 from models.nodes.parameters import declare
 from models.nodes.perception import cloud_message, depth_message, info_message
 from models.nodes.qos import STATE
@@ -67,6 +68,7 @@ class RangeSensorNode(PoiseNode):
         if sensors.lidar is not None:
             publishers = {topics.LIDAR_POINTS: self.announce(PointCloud2, topics.LIDAR_POINTS, STATE)}
             self._outputs["lidar"] = _Output(publishers, sensors.lidar, 0.5)
+        self._time = self.announce(Clock, topics.RANGE_SENSORS_TIME, STATE)
         self._casts = {"depth": self._cast_depth, "lidar": self._cast_lidar}
         TrueStates(self, self._is_due, self._measure, self._on_obstacle, self._on_stamp)
 
@@ -100,6 +102,8 @@ class RangeSensorNode(PoiseNode):
     def _is_due(self, stamp: int) -> bool:
         """Find out which sensors measure now."""
         self._measured = [name for name, output in self._outputs.items() if output.used and output.due(stamp)]
+        if not self._measured:
+            self._time.publish(clock_message(stamp))
         return bool(self._measured)
 
     def _measure(self, stamp: int, q: Vector) -> None:
@@ -108,6 +112,7 @@ class RangeSensorNode(PoiseNode):
             begin = time.monotonic()
             self._outputs[name].hold(stamp, self._casts[name](stamp))
             self._took[name] = time.monotonic() - begin
+        self._time.publish(clock_message(stamp))
 
     def _cast_depth(self, stamp: int) -> dict[str, Any]:
         camera = self._depth

@@ -224,10 +224,10 @@ class RobotDriver(PoiseNode):
 
     @property
     def behind(self) -> bool:
-        """Whether simulated time waits: command or supervisor answer old sensors, and the longest wait is not over.
+        """Whether simulated time waits: something answers an old state, and the longest wait is not over.
 
-        Each of both is waited for on its own: without a supervisor, commands are still waited for. Faults of the
-        sensors make no time wait.
+        That is the command, the supervisor or the simulated range sensors. Each is waited for on its own: without a
+        supervisor, commands are still waited for. Faults of the sensors make no time wait.
         """
         if self._simulated is None or self.config.real_time != "yield":
             return False
@@ -239,6 +239,8 @@ class RobotDriver(PoiseNode):
                 late.append("command")
             if commands.judged and due - commands.judged > given.yield_supervisor * NANOSECONDS:
                 late.append("supervisor")
+            if self._truth.measured and due - self._truth.measured > given.yield_range_sensors * NANOSECONDS:
+                late.append("range sensors")
         if late or self._late_since:
             since = {each: self._late_since.get(each, now) for each in late}
             self.counters["waits for commands"] += len(since.keys() - self._late_since.keys())

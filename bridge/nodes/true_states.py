@@ -35,28 +35,33 @@ class TrueStates:
     ) -> None:
         self._due, self._on_state, self._on_centre = due, on_state, on_obstacle
         self._on_stamp = on_stamp
-        self._odometry = b""
+        self._odometry, self._joints = b"", b""
         self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(node.model)
-        node.listen(Odometry, topics.GROUND_TRUTH, self._on_odometry, SENSOR, raw=True)
+        node.listen(Odometry, topics.GROUND_TRUTH, self._on_odometry, SENSOR, raw=True, while_active=True)
         node.listen(PoseStamped, topics.GROUND_TRUTH_OBSTACLE, self._on_obstacle, SENSOR)
         node.listen(JointState, topics.GROUND_TRUTH_JOINTS, self._on_joints, SENSOR, raw=True, while_active=True)
 
     def _on_odometry(self, data: bytes) -> None:
         self._odometry = data
+        self._offer()
 
     def _on_obstacle(self, message: Any) -> None:
         place = message.pose.position
         self._on_centre(np.array([place.x, place.y, place.z]))
 
     def _on_joints(self, data: bytes) -> None:
-        """Hand on a state once base and joints of the same tick have arrived."""
-        stamp = stamp_of(data)
-        if not self._odometry or stamp_of(self._odometry) != stamp:
+        self._joints = data
+        self._offer()
+
+    def _offer(self) -> None:
+        """Hand on a state once base and joints of the same tick have arrived, in whichever order."""
+        if not self._odometry or not self._joints or stamp_of(self._odometry) != stamp_of(self._joints):
             return
+        stamp = stamp_of(self._joints)
         if self._on_stamp is not None:
             self._on_stamp(stamp)
         if not self._due(stamp):
             return
-        joints = self._joints_codec.decode(data)[1]
+        joints = self._joints_codec.decode(self._joints)[1]
         pose: Vector = self._odometry_codec.decode(self._odometry)[1]
         self._on_state(stamp, np.concatenate([pose, joints]))

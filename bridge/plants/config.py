@@ -93,6 +93,8 @@ class DriverConfig:
     yield_lag: Annotated[float, Field(ge=0.001, le=1.0)]
     #: Age of what the supervisor judged from which time waits [s]
     yield_supervisor: Annotated[float, Field(ge=0.001, le=1.0)]
+    #: Age of what the simulated range sensors have measured from which time waits [s]
+    yield_range_sensors: Annotated[float, Field(ge=0.001, le=1.0)]
     yield_max: Annotated[float, Field(ge=0.0, le=60.0)]  #: Longest wait; then time goes on and the drivers time out [s]
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)]  #: Seed of the simulated sensors' noise
     sensor_noise: bool  #: Noise, bias and quantisation of the profile

@@ -27,7 +27,16 @@ from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.status import subscribe_status
-from models.status import GET_UP, GaitStatus, MotionState, MotionStatus, StartStatus, SupervisorStatus
+from models.status import (
+    GET_UP,
+    GaitStatus,
+    MotionState,
+    MotionStatus,
+    RouteState,
+    RouteStatus,
+    StartStatus,
+    SupervisorStatus,
+)
 from models.types import CommandReply, Mode
 
 if TYPE_CHECKING:
@@ -121,9 +130,9 @@ class Client:
         self.gait = status
 
     @property
-    def restraint(self) -> str:
-        """``GaitStatus.restraint``; empty before the first status."""
-        return self.gait.restraint if self.gait else ""
+    def remarks(self) -> str:
+        """``GaitStatus.remarks``; empty before the first status."""
+        return self.gait.remarks if self.gait else ""
 
     def _on_status(self, status: SupervisorStatus) -> None:
         self.status = status
@@ -232,9 +241,9 @@ class Client:
             return CommandReply(found[0].state is not MotionState.REFUSED, f"{text[:32]}: {found[0]}")
         if not answered() or status is None:
             return CommandReply(True, "sent; no answer yet")
-        if text.strip().lower() == STOP or not self.wait(lambda: self._walks and bool(self.restraint), LIMITING):
+        if text.strip().lower() == STOP or not self.wait(lambda: self._walks and bool(self.remarks), LIMITING):
             return CommandReply(True, status.answer)
-        return CommandReply(True, f"{status.answer}; {self.restraint}")
+        return CommandReply(True, f"{status.answer}; {self.remarks}")
 
     def trigger(
         self, service: str, timeout: float = 5.0, answer_timeout: float | None = None, *, at_once: bool = False
@@ -312,6 +321,8 @@ def overview(client: Client) -> dict[str, str]:
     """Lines by their name; ``CommandError`` when no robot is up."""
     start: list[StartStatus] = []
     subscribe_status(client.node, StartStatus, topics.START_STATUS, start.append, LATCHED)
+    routes: list[RouteStatus] = []
+    subscribe_status(client.node, RouteStatus, topics.ROUTE_STATUS, routes.append, LATCHED)
     client.robot(ROBOT_TIMEOUT)
 
     def complete() -> bool:
@@ -321,6 +332,8 @@ def overview(client: Client) -> dict[str, str]:
         return bool(known and (start or not real))
 
     client.wait(complete, TOPICS_TIMEOUT)
+    if client.mode == Mode.WALK.value:
+        client.wait(lambda: bool(routes), DISCOVERY)  # there may have been none
     status = client.status
     assert status is not None  # there is a robot
     locks = "".join(f"; lock '{lock}' is closed" for lock in status.locks)
@@ -330,7 +343,8 @@ def overview(client: Client) -> dict[str, str]:
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
         "real-time factor": "unknown" if math.isnan(client.factor) else f"{client.factor:.2f}",
         "in command": f"{client.commander or 'unknown'}{locks}",
-        **({"walk": client.restraint} if client.restraint else {}),
+        **({"goal": str(routes[-1])} if routes and routes[-1].state is RouteState.RUNNING else {}),
+        **({"walk": client.remarks} if client.remarks else {}),
         **(start_lines(start[-1]) if start else {}),
         "next": client.paused or next_step(status, start[-1] if start else None),
     }

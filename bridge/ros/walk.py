@@ -81,11 +81,12 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
 
     ``velocity`` is forward [m/s], left [m/s], turn [rad/s]. The reply is accepted when the robot stands again after the
     whole time, and at its end followed the velocity and was not blocked by the ground; a hold ends the walk. Raises
-    ``CommandError`` without a subscriber or an answer, and when the robot's time stands still, ``MessageError`` when
-    the velocity is not finite.
+    ``CommandError`` for a velocity that is not finite, without a subscriber or an answer, and when the robot's time
+    stands still.
     """
+    if not all(map(math.isfinite, velocity)):
+        raise CommandError(f"velocity {velocity}: forward [m/s], left [m/s] and turn [rad/s] must be finite")
     message = velocity_to_twist(velocity)
-    velocity_from_twist(message)
     clock = RobotClock(client)
     followed: list[bool] = []  # whether the supervisor passes a velocity other than zero to the gait
     listen = client.node.create_subscription
@@ -109,7 +110,7 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
         client.spin(min(PERIOD, left))
     gait = client.gait
     assert gait is not None  # see ``ready``
-    limit = gait.limited and f"; {gait.limited}"
+    limit = "".join(f"; {each}" for each in (gait.limited, gait.unmapped) if each)
     ended = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
     if not ended and seconds and client.mode == Mode.WALK.value and not client.wait(follows, LIMITING):
         ended = f"the robot does not follow the velocity: {_reasons(client)}"
@@ -174,6 +175,8 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
     if not done:  # what stopped it may be reported later
         client.wait(lambda: bool(client.obstacle), LATE)
     why = f"; {client.obstacle}" if client.obstacle and not done else ""
+    if client.gait and client.gait.unmapped:
+        why += f"; {client.gait.unmapped}"
     stood = _stand(client, clock, f"goal x {goal[0]:.2f} m, y {goal[1]:.2f} m: {routes[-1]}{why}")
     return CommandReply(stood.accepted and done, stood.reason)
 

@@ -23,7 +23,7 @@ from controllers.safety.supervisor import ACTIVE_MODES, Supervisor
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.base import PoiseNode, cause_of
-from models.nodes.messages import set_stamp
+from models.nodes.messages import clock_message
 from models.nodes.parameters import declare, declare_config, declare_lockstep
 from models.nodes.qos import EVENT, LATCHED, STATE
 from models.nodes.services import offer_own
@@ -165,9 +165,7 @@ class SupervisorNode(PoiseNode):
             if [cause_of(hold) for hold in self._law.holds] != held:
                 self.get_logger().warning(f"hold: {'; '.join(self._law.holds) or 'over'}")
                 self._report()
-            message = Clock()
-            set_stamp(message.clock, self._reports.state_stamp)
-            self._time.publish(message)
+            self._time.publish(clock_message(self._reports.state_stamp))
             for fault in before:
                 if fault not in self._law.faults:
                     self.get_logger().info(f"over: {fault}")

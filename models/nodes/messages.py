@@ -14,6 +14,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
 from trajectory_msgs.msg import JointTrajectoryPoint
@@ -44,6 +45,13 @@ def stamp_ns(stamp: Any) -> int:
 def set_stamp(stamp: Any, ns: int) -> None:
     """Write nanoseconds into a builtin_interfaces/Time."""
     stamp.sec, stamp.nanosec = divmod(ns, NANOSECONDS)
+
+
+def clock_message(ns: int) -> Clock:
+    """A time [ns]."""
+    message = Clock()
+    set_stamp(message.clock, ns)
+    return message
 
 
 def set_header(message: Any, stamp: int, frame_id: str) -> None:

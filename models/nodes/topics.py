@@ -75,6 +75,7 @@ CONTROL_STATUS, ESTIMATOR_STATUS = "balance_controller/status", "state_estimator
 GAIT_STATUS, ROUTE_STATUS, MOTION_STATUS = "gait/status", "gait/route_status", "motion/status"
 SUPERVISOR_STATUS, NODE_STATUS = "supervisor/status", "node_status"  #: Records of ``models/status.py``, for programs
 SUPERVISOR_TIME = "supervisor/time"  #: Time up to which the supervisor has judged the state
+RANGE_SENSORS_TIME = "range_sensors/time"  #: Time up to which the simulated range sensors have measured
 START_STATUS = "start/status"  #: Record of the start of a real robot
 #: Services of the operator of a real robot
 START = "start/"  #: Beginning of the names of these services

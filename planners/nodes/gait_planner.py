@@ -32,6 +32,7 @@ from planners.nodes.gait_commands import RouteTopics
 from planners.nodes.gait_link import GaitStage, RemoteGait, declare_gait
 from planners.nodes.ground_walk import GroundWalk, declare_ground
 
+_WARNED = 10.0  #: Between two warnings of a walk without a map [s]
 TAKEN_MAX = 20  #: Length of ``gait/footsteps_taken``
 
 
@@ -53,7 +54,7 @@ class GaitTopics:
         self._taken = node.announce(Path, topics.FOOTSTEPS_TAKEN, EVENT)
         self._history: deque[Any] = deque(maxlen=TAKEN_MAX)
         self._log, self._limited, self._exceeded = node.get_logger(), "", list[str]()
-        self._blocked = ""
+        self._blocked = self._unmapped = ""
         law.exceeded(STILL)  # computes the limits now and not in a tick
         self.reset()
 
@@ -81,19 +82,21 @@ class GaitTopics:
             self._log.warning(f"velocity: {self._limited}")
         self._report()
 
-    def report_blocked(self, reason: str) -> None:
-        """Report a new reason why the robot stands in front of what is not level; empty when it does not."""
-        blocked = f"stopped: {reason}" if reason else ""
-        if blocked == self._blocked:
+    def report_ground(self, blocked: str, unmapped: str) -> None:
+        """Report why it stands in front of ground that is not level, and why it walks without a map; empty if not."""
+        blocked = f"stopped: {blocked}" if blocked else ""
+        before, self._blocked, self._unmapped = (self._blocked, self._unmapped), blocked, unmapped
+        if before == (blocked, unmapped):
             return
-        self._blocked = blocked
-        if blocked:
+        if blocked not in ("", before[0]):
             self._log.warning(blocked)
+        if unmapped not in ("", before[1]):
+            self._log.warning(unmapped, throttle_duration_sec=_WARNED)
         self._report()
 
     def _report(self) -> None:
         present, still = self._word != topics.GAIT_ABSENT, self._word in (topics.GAIT_SETTLED, topics.GAIT_ABSENT)
-        self._publish_status(GaitStatus(present, still, self._limited, self._blocked))
+        self._publish_status(GaitStatus(present, still, self._limited, self._blocked, self._unmapped))
 
     def publish(self, stamp: int) -> None:
         """Publish what is due at a stamp [ns]."""
@@ -155,7 +158,7 @@ class GaitPlannerNode(PoiseNode):
         self.listen(Twist, topics.GAIT_VELOCITY, self._on_velocity, COMMAND, while_active=True)
         self.listen(Empty, topics.GAIT_STOP, lambda message: self._stop("stopped"), EVENT)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
-        self._ground = GroundWalk(self, self._law, self._stack, self._ground_config, self._gait.report_blocked)
+        self._ground = GroundWalk(self, self._law, self._stack, self._ground_config, self._gait.report_ground)
         law, stack, command = self._law, self._stack, self._command
         self._routes = RouteTopics(self, law, stack, command, self._not_walking, self._soles, now, self._ground)
 

@@ -26,7 +26,6 @@ from planners.terrain.ground_config import GroundConfig, RouteConfig, WatchConfi
 from planners.terrain.ground_route import Answer, GroundRoute, Request
 
 _AROUND = "around"  #: Parameter
-_WARNED = 10.0  #: Between two warnings of the same kind [s]
 _UNSEEN = "nothing is known of the ground on the way: the robot walks without a map; see terrain_mapper and its clouds"
 
 
@@ -72,9 +71,9 @@ class GroundWalk:
     every touchdown whether the next ``ahead`` (``beside`` to the sides and behind) are level. Where they are not, the
     robot stops, turns to the goal, and follows ``GroundRoute``; where that ends beside the goal it walks there over
     level ground. At a velocity to the side or back it stays. With the parameter ``around`` it walks to a goal over
-    level ground beside what stands in the way. ``report`` gets the reason for which it stands at a velocity, empty
-    while it does not. A robot that cannot go on may turn, and asks again every ``retry_period``; a velocity in another
-    direction is a new command.
+    level ground beside what stands in the way. ``report`` gets the reasons for which it stands at a velocity, and walks
+    without a map, empty while it does not. A robot that cannot go on may turn, and asks again every ``retry_period``; a
+    velocity in another direction is a new command.
 
     Attributes:
         outcome: Of the last goal: ``done``, or why it was not reached; empty where the gait's own route says so.
@@ -86,16 +85,16 @@ class GroundWalk:
         law: GaitPlanner,
         stack: GaitStage,
         config: tuple[WatchConfig, RouteConfig],
-        report: Callable[[str], None],
+        report: Callable[[str, str], None],
     ) -> None:
         self._law, self._stack, self._report = law, stack, report
+        self._blocked = self._unmapped = ""  # reported
         self._config, route = config
         self._route = GroundRoute(law, stack, route)
         self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
         self._around = lambda: bool(node.get_parameter(_AROUND).value)
         self._number = self._before = 0  # of the last watch, and of the last one before the present command
-        self._warn = node.get_logger().warning
         self._stage, self.outcome = _Stage.IDLE, ""
         self._goal: Foothold | None = None
         self._poses: list[Foothold] = []  # to walk through on the way to the goal
@@ -124,6 +123,12 @@ class GroundWalk:
         self._watch(_Stage.ASKED)
         return count
 
+    def _tell(self, *, blocked: str | None = None, unmapped: str | None = None) -> None:
+        """Report what is given anew."""
+        self._blocked = self._blocked if blocked is None else blocked
+        self._unmapped = self._unmapped if unmapped is None else unmapped
+        self._report(self._blocked, self._unmapped)
+
     def _has_planner(self) -> bool:
         """Whether there is a ground planner, or was one, so that its silence is a fault."""
         self._seen = self._seen or self._requests.get_subscription_count() > 0
@@ -131,7 +136,7 @@ class GroundWalk:
 
     def cancel(self, reason: str) -> None:
         """Another command, or none, from now on; footsteps under way are not affected."""
-        self._report("")
+        self._tell(blocked="", unmapped="")
         self._route.end(reason)
         self._stage, self._goal, self.outcome, self._velocity = _Stage.IDLE, None, reason, STILL
         self._poses, self._before, self._unanswered = [], self._number, math.inf
@@ -163,7 +168,7 @@ class GroundWalk:
         if t - self._unanswered > self._config.answer_timeout and self._stage in _WATCHING:  # every tick
             now = "stays where it is" if self._stage is _Stage.BLOCKED else "walks without a map"
             text = f"no answer of the ground planner for {self._config.answer_timeout:g} s: the robot {now}"
-            self._warn(text, throttle_duration_sec=_WARNED)
+            self._tell(unmapped=text)
             if self._stage is _Stage.ASKED:
                 self._walk_blind(known=False)
         match self._stage:
@@ -217,8 +222,7 @@ class GroundWalk:
         elif self._stage in _WATCHING and self._number <= answer.number < self._before:
             # A late answer counts, too: the ground that it saw on the way is still there.
             self._unanswered = math.inf
-            if answer.blind:
-                self._warn(_UNSEEN, throttle_duration_sec=_WARNED)
+            self._tell(unmapped=_UNSEEN if answer.blind and self._stage is not _Stage.BLOCKED else "")
             if not (answer.level or answer.blind):
                 self._stop()
             elif self._stage is _Stage.ASKED:
@@ -240,7 +244,7 @@ class GroundWalk:
         if self._stage is not _Stage.BLOCKED and self._goal is None:
             side = "ahead" if ahead else "behind" if abs(y) < -x else "to the left" if y > 0.0 else "to the right"
             why = "looking for footsteps" if ahead else "steps up and down are planned ahead only"
-            self._report(f"the ground {side} is not level; {why}")
+            self._tell(blocked=f"the ground {side} is not level; {why}")
         self._stage, self._stopped = _Stage.STOP, _bearing(self._velocity)
         self._stack.hold_velocity(*STILL)
         self._stack.stop()
@@ -329,7 +333,7 @@ class GroundWalk:
         if (request := route.request(t)) is not None:
             self._send(request)
         if self._law.route.left:
-            self._report("")
+            self._tell(blocked="")
         if route.active or self._law.route.left or not self._law.settled:
             return
         if goal is None:
@@ -337,7 +341,7 @@ class GroundWalk:
                 self._go_on()
             else:
                 self._block()
-                self._report(route.outcome)
+                self._tell(blocked=route.outcome)
         elif route.outcome == "done" and self._way_to(goal)[1] > self._config.near_goal:
             self._beside = self._way_to(goal)[1]
             self._watch(_Stage.ASKED)  # if the ground between is level the gait walks there by itself
@@ -355,7 +359,7 @@ class GroundWalk:
 
     def _go_on(self) -> None:
         """At the velocity again."""
-        self._report("")
+        self._tell(blocked="")
         self._stage, self._steps = _Stage.BLIND, -1
 
     def _finish(self, outcome: str) -> None:

@@ -30,7 +30,7 @@ class FakeSupervisor(Node):
         self.states = StatusTopic(self, topics.MOTION_STATUS)
         self.status = StatusTopic(self, topics.SUPERVISOR_STATUS, LATCHED)
         self.gait = StatusTopic(self, topics.GAIT_STATUS, LATCHED)
-        self.restraints: tuple[str, ...] = ()  #: ``limited`` and ``blocked`` of the gait
+        self.restraints: tuple[str, ...] = ()  #: ``limited``, ``blocked`` and ``unmapped`` of the gait
         self.mode = self.create_publisher(String, topics.MODE, LATCHED)
         self.mode.publish(String(data="stand"))
         self.create_service(Trigger, "mode/damp", self.on_damp)

@@ -21,7 +21,7 @@ from bridge.ros.processes import ProcessSpec
 from controllers.commands.command_signature import Signer, Verifier
 from models.nodes import topics
 from models.nodes.qos import LATCHED
-from models.status import GaitStatus, StartStatus, SupervisorStatus
+from models.status import GaitStatus, RouteState, RouteStatus, StartStatus, SupervisorStatus
 from models.types import Mode
 from tests.ros.client.fake_supervisor import FakeSupervisor
 from tests.ros.conftest import StatusTopic
@@ -70,10 +70,12 @@ def test_the_overview_waits_for_the_limit_of_a_walk(supervisor: FakeSupervisor) 
     StatusTopic(supervisor, topics.START_STATUS, LATCHED).publish(StartStatus("standing"))
     late = threading.Timer(0.5, lambda: supervisor.gait.publish(GaitStatus(True, False, blocked="stopped: a kerb")))
     late.start()
+    StatusTopic(supervisor, topics.ROUTE_STATUS, LATCHED).publish(RouteStatus(RouteState.RUNNING, 17))
     with Client() as client:
         client.wait(lambda: bool(client.commander and not math.isnan(client.factor)), 10.0)
         client.driver_state = "active"
-        assert overview(client)["walk"] == "stopped: a kerb"
+        found = overview(client)
+    assert found["walk"] == "stopped: a kerb" and found["goal"] == "running: 17 footsteps"
     late.join()
 
 

@@ -100,9 +100,11 @@ def test_a_walk_that_the_ground_blocks_says_why_and_where(supervisor: FakeSuperv
     with Client() as client:
         reply = walk.walk(client, (0.2, 0.0, 0.0), 0.5)
         assert (reply.accepted, reply.reason) == (False, f"stopped: a kerb, as its 0.5 s ended; {place}")
-        free = supervisor.create_timer(1.0, lambda: supervisor.gait.publish(GaitStatus(True, False, "limited")))
+        free = supervisor.create_timer(
+            1.0, lambda: supervisor.gait.publish(GaitStatus(True, False, "limited", "", "no map"))
+        )
         reply = walk.walk(client, (0.2, 0.0, 0.0), 3.0)
-        assert (reply.accepted, reply.reason) == (True, f"walked for 3 s; limited; {place}")
+        assert (reply.accepted, reply.reason) == (True, f"walked for 3 s; limited; no map; {place}")
         free.cancel()
 
 

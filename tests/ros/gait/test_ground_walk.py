@@ -52,7 +52,7 @@ class Guided(StandingGait):
         self.plans = world.create_publisher(UInt8MultiArray, topics.GROUND_PLAN, EVENT)
         subscribe_status(world, RouteStatus, topics.ROUTE_STATUS, self.routes.append)
         subscribe_status(
-            world, GaitStatus, topics.GAIT_STATUS, lambda status: self.limits.append(status.restraint), LATCHED
+            world, GaitStatus, topics.GAIT_STATUS, lambda status: self.limits.append(status.remarks), LATCHED
         )
         if planner:
             world.create_subscription(
@@ -224,21 +224,28 @@ def test_where_nothing_is_to_be_passed_it_follows_plans(bench: Any, g1: RobotMod
     assert not request.around and not request.watch
 
 
-def test_a_ground_planner_that_falls_silent_is_reported(
-    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    robot, warnings = Guided(bench, g1), list[str]()
-    monkeypatch.setattr(robot.node._ground, "_warn", lambda text, **_: warnings.append(text))
+def test_a_ground_planner_that_falls_silent_is_reported(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
     robot.drive(0.3)
     robot.send(Answer(robot.ask().number, level=True))
     robot.tick(1500)
-    assert not warnings
+    assert not any(robot.limits)
     subscription = next(each for each in bench.world.subscriptions if each.topic_name.endswith(topics.GROUND_REQUEST))
     bench.world.destroy_subscription(subscription)  # its process has ended
     bench.wait(lambda: not robot.node._ground._requests.get_subscription_count())
     robot.stack.gait.state.steps += 1
-    robot.until(lambda: warnings)
-    assert "no answer of the ground planner for 1 s" in warnings[0] and robot.stack.gait.state.command.moves
+    robot.until(lambda: robot.limits[-1:] != [""])
+    assert "no answer of the ground planner for 1 s: the robot walks without a map" in robot.limits[-1]
+    assert robot.stack.gait.state.command.moves
+
+
+def test_a_map_without_the_ground_on_the_way_is_reported_until_it_has_it(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
+    for known in (False, True):
+        robot.stack.gait.state.steps += 1
+        robot.drive(0.3)
+        robot.send(Answer(robot.ask().number, level=known, blind=not known))
+        bench.wait(lambda known=known: ("walks without a map" in robot.limits[-1]) is not known)
 
 
 def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_ends(bench: Any, g1: RobotModel) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool
@@ -14,7 +15,7 @@ from trajectory_msgs.msg import JointTrajectory
 from bridge.nodes.robot_driver import RobotDriver
 from models.nodes import topics
 from models.nodes.cdr import stamp_of
-from models.nodes.messages import JointCommandCodec, decode, doubles
+from models.nodes.messages import JointCommandCodec, clock_message, decode, doubles
 from models.nodes.perception import scan_from_message
 from models.nodes.qos import COMMAND, LATCHED, SENSOR
 from models.robot_model import RobotModel
@@ -309,6 +310,21 @@ def test_simulated_time_waits_for_a_supervisor_that_lags(
     for node.tick in range(101, 111):
         node.publish_tick(0.0)
     assert node.behind  # for the commands
+
+
+def test_simulated_time_waits_for_simulated_range_sensors(bench: Any, g1: RobotModel) -> None:
+    """What their pictures take here is not a delay of the robot's."""
+    node: RobotDriver = bench.add(RobotDriver, yield_range_sensors=0.03)
+    node.commands.on_mode(String(data="stand"))
+    for node.tick in range(1, 101):
+        node.publish_tick(0.0)
+    _send(node, g1, 100)
+    publisher = bench.world.create_publisher(Clock, topics.RANGE_SENSORS_TIME, SENSOR)
+    bench.wait(publisher.get_subscription_count)
+    assert not node.behind  # there are none
+    for measured, waits in ((60, True), (90, False)):
+        publisher.publish(clock_message(measured * 1_000_000))
+        bench.wait(lambda waits=waits: node.behind is waits)
 
 
 def test_strict_time_waits_for_no_command(bench: Any, g1: RobotModel) -> None:

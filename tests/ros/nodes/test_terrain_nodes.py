@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
 from std_msgs.msg import String, UInt8MultiArray
 
@@ -124,6 +125,7 @@ class World:
         foot = ContactState(active=True, wrench=np.zeros(6))
         zero = np.zeros(model.nj)
         self.state = RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), zero, (foot, foot))
+        self.joints_first = False
         self.drift = 0.0  #: Error of the height of the odometry [m]
         self._odometry, self._joints = OdometryCodec(), JointStateCodec(model)
 
@@ -144,10 +146,11 @@ class World:
         send[topics.CONTACTS].publish(contacts_to_bytes(self.state.contacts))
         send[topics.ODOM].publish(self._odometry.encode(self.stamp, estimate))
         send[topics.JOINT_STATES].publish(joints)
-        send[topics.GROUND_TRUTH].publish(truth)
-        self.bench.spin(0.005)  # the base before the joints
-        send[topics.GROUND_TRUTH_JOINTS].publish(joints)
-        self.bench.spin(0.03)
+        true = [(topics.GROUND_TRUTH, truth), (topics.GROUND_TRUTH_JOINTS, joints)]
+        for topic, message in reversed(true) if self.joints_first else true:
+            send[topic].publish(message)
+            self.bench.spin(0.005)
+        self.bench.spin(0.025)
 
     def until(self, condition: Any) -> None:
         for _ in range(300):
@@ -185,6 +188,17 @@ def test_nothing_is_cast_without_a_subscriber(bench: Any, g1: RobotModel) -> Non
     assert node.message == "no subscriber" and "newest depth took [ms]" not in node.values
     refused = bench.add(RangeSensorNode, active=False, robot="talos_hardware")
     assert "talos_hardware: sensors.depth, sensors.lidar" in refused.message
+
+
+def test_a_state_is_measured_in_whichever_order_base_and_joints_arrive(bench: Any, g1: RobotModel) -> None:
+    measured: list[int] = []
+    bench.add(RangeSensorNode)
+    world = World(bench, g1)
+    bench.world.create_subscription(
+        Clock, topics.RANGE_SENSORS_TIME, lambda message: measured.append(stamp_ns(message.clock)), SENSOR
+    )
+    for world.joints_first in (False, True):
+        world.until(lambda: world.stamp in measured)
 
 
 def test_what_waits_is_dropped_when_time_runs_backwards_and_on_activation(bench: Any, g1: RobotModel) -> None:
