@@ -89,7 +89,10 @@ def _options(
 @app.command()
 def demo(
     robot: Robot = "g1",
-    out: Annotated[Path, typer.Option(help="Folder for report, plots, film strip and recording.")] = Path("out"),
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for report, plots, film strip and recording; by default out, or out/stairs."),
+    ] = None,
     scene: Annotated[
         Literal["square", "stairs"],
         typer.Option(help="Wave, squat, push and a square; or a flight of stairs that the robot maps itself."),
@@ -100,10 +103,10 @@ def demo(
     if scene == "stairs":
         from bridge.demo.stairs import demo_stairs
 
-        raise typer.Exit(demo_stairs(robot, out))
+        raise typer.Exit(demo_stairs(robot, out or Path("out", scene)))
     from bridge.demo.run import demo as play
 
-    raise typer.Exit(play(robot, out))
+    raise typer.Exit(play(robot, out or Path("out")))
 
 
 @app.command()

@@ -251,7 +251,7 @@ def cpu_times(pids: Mapping[str, int]) -> dict[str, float]:
     return {name.rpartition(".")[2]: cpu_time(pid) for name, pid in pids.items()}
 
 
-def demo_stairs(robot: str = "g1", out: Path = Path("out")) -> int:
+def demo_stairs(robot: str, out: Path) -> int:
     """Climb and descend the flight, with all files in ``out``; returns 0 when every check passed, otherwise 1."""
     console = Console()
     say = timed(console)
