@@ -28,6 +28,7 @@ def test_the_ground_ahead_of_a_walk_is_known_to_a_centimetre(name: str) -> None:
     assert np.sqrt(np.nanmean(found**2)) < 0.01
 
 
+@pytest.mark.long
 def test_the_map_changes_nothing_about_the_walk() -> None:
     def walk(*, maps: bool) -> np.ndarray:
         loop = ClosedLoop("g1", seed=3, terrain_map=maps, record=False)
@@ -54,6 +55,7 @@ def test_a_reset_forgets_the_ground_and_a_robot_without_sensors_is_refused() -> 
         ClosedLoop("talos_hardware", terrain_map=True)
 
 
+@pytest.mark.long
 def test_a_box_that_appears_is_in_the_map_within_a_second_and_gone_within_another() -> None:
     """Its near face is 0.8 m ahead; once it is gone the rays that pass there say so."""
     loop = ClosedLoop("g1", seed=4, terrain="box", terrain_map=True, record=False)

@@ -41,6 +41,7 @@ def test_a_base_over_the_upper_tread_has_not_fallen_while_the_soles_are_below(mo
         assert loop.fallen is fallen
 
 
+@pytest.mark.long
 def test_it_climbs_three_steps_and_descends_them_along_known_footsteps() -> None:
     loop, count = on_stairs(3, seed=4)
     base, crouch = float(loop.truth.q[2]), loop.gait.route.crouch

@@ -22,6 +22,7 @@ from models.types import JointCommand
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.long
 def test_the_heartbeat_of_the_guard_process(monkeypatch: pytest.MonkeyPatch) -> None:
     domain, config, model = free_domain(), read_config({}), RobotModel.load("g1_hardware")
     environment = {**os.environ, **graph_environment(domain_id=domain, network=False), SESSION: f"{session():08x}"}

@@ -47,6 +47,7 @@ damping_guard.main(["fake:Plant", "g1_hardware", "0", "{}"])
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("reader", ["gone", "stopped"])
 def test_the_guard_damps_where_its_output_is_not_read(reader: str) -> None:
     read, write = os.pipe()

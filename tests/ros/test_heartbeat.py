@@ -38,6 +38,7 @@ def graph(said: list[str], request: pytest.FixtureRequest) -> Iterator[Graph]:
     graph.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("graph", [("beating", ())], indirect=True)
 def test_a_process_that_is_stopped_is_killed_and_started_again(graph: Graph, said: list[str]) -> None:
     graph.spin(2.5)

@@ -21,6 +21,7 @@ pytestmark = pytest.mark.ros
 COMMAND_LINE = [sys.executable, "-c", "import sys; sys.argv[1:] = ['teleop']; from bridge.cli import app; app()"]
 
 
+@pytest.mark.long
 def test_keys_in_a_terminal_steer_until_z_is_pressed(bench: Bench) -> None:
     supervisor = StatusTopic(bench.world, topics.SUPERVISOR_STATUS, LATCHED)
     supervisor.publish(SupervisorStatus("g1", Mode.STAND, 0, "", ()))
@@ -58,6 +59,7 @@ def test_keys_in_a_terminal_steer_until_z_is_pressed(bench: Bench) -> None:
         os.close(terminal)
 
 
+@pytest.mark.long
 def test_without_a_terminal_it_says_what_it_needs(ros_domain_id: int) -> None:
     result = subprocess.run(COMMAND_LINE, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
     assert result.returncode == 2 and "reads keys from a terminal" in result.stderr

@@ -220,6 +220,7 @@ def test_the_laws_import_without_ros_and_mujoco(root: Path) -> None:
     assert without(root, ("rclpy", "mujoco"), code) == ["loaded", str(len(modules))]
 
 
+@pytest.mark.long
 def test_benchmarks_load_without_ros_or_name_it(root: Path) -> None:
     code = """
         from benchmarks.core.benchmark import catalogue

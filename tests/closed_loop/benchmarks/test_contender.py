@@ -43,6 +43,7 @@ class Posture:
         return JointCommand(self.still._posture, np.zeros(len(sensors.q)), self.still._torque)
 
 
+@pytest.mark.long
 def test_the_baseline_stands_and_takes_a_small_push_only(g1: RobotModel) -> None:
     loop = ContenderLoop(BASELINE, "g1", seed=1)
     loop.run(1.5)

@@ -36,6 +36,7 @@ def run(folder: Path) -> Any:
     return RUNNER.invoke(app, ["all", "--quick", "--out", str(folder), "--workers", "1"])
 
 
+@pytest.mark.long
 def test_a_suite_is_measured_once_and_its_report_is_built_from_the_lines(tmp_path: Path, tiny: None) -> None:
     pytest.importorskip("markdown_it")
     folder = tmp_path / "bench"

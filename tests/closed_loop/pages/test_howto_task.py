@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from bridge.closed_loop import ClosedLoop
 from controllers.balance.controller import BalanceController
@@ -15,6 +16,7 @@ from models.config import default_config
 from models.robot_model import RobotModel
 
 
+@pytest.mark.long
 def test_the_hand_is_where_it_shall_be(root: Path, capsys: Any) -> None:
     code = re.findall(r"```python\n(.*?)```", (root / "docs/howto_task.md").read_text(), re.DOTALL)[0]
     names: dict[str, Any] = {}
@@ -23,6 +25,7 @@ def test_the_hand_is_where_it_shall_be(root: Path, capsys: Any) -> None:
     assert "fallen: False" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_configured_task_does_the_same() -> None:
     model = RobotModel.load("talos")
     config = default_config(WholeBodyConfig, "controllers", "whole_body")

@@ -29,6 +29,7 @@ def commanded(loop: HardwareLoop, rate: float) -> Iterator[None]:
         yield
 
 
+@pytest.mark.long
 def test_another_commander_is_found_before_anything_is_released(tmp_path: Path) -> None:
     loop = HardwareLoop(tmp_path / "marker")
     loop.reach(StartState.GANTRY)

@@ -37,6 +37,7 @@ class Node:
         self.log.append(text)
 
 
+@pytest.mark.long
 def test_a_silent_robot_has_no_values_and_every_change_is_logged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -95,6 +95,7 @@ def test_a_robot_without_yaw_says_that_it_does_not_turn(tmp_path: Path) -> None:
     assert reply.accepted and "turn 0.4 limited to 0 rad/s by the legs" in reply.reason
 
 
+@pytest.mark.long
 def test_weak_knees_squat_and_walk_within_their_torque(tmp_path: Path) -> None:
     model = proposed("weak knees", tmp_path)
     bend = model.posture("stand")[model.joint_index("left_knee")]
@@ -106,6 +107,7 @@ def test_weak_knees_squat_and_walk_within_their_torque(tmp_path: Path) -> None:
     assert loop.wait_motion() and not loop.fallen
 
 
+@pytest.mark.long
 def test_stands_and_squats(kind: RobotModel) -> None:
     loop = ClosedLoop(kind, seed=1)
     start, height = loop.plant.com.copy(), float(loop.truth.q[2])

@@ -89,6 +89,7 @@ def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:
     assert (command.source, command.text) == ("teleop", "wave")
 
 
+@pytest.mark.long
 def test_every_subscriber_receives_a_command(supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch) -> None:
     """A node of the user subscribes beside the supervisor, and may be discovered later."""
     monkeypatch.setattr(client_module, "DISCOVERY", 3.0)  # on a busy machine

@@ -275,6 +275,7 @@ def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_ends(bench: An
     assert robot.stack.gait.state.command.moves
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turn", [0.0, 0.5])
 def test_a_robot_that_was_stopped_asks_again(bench: Any, g1: RobotModel, turn: float) -> None:
     """It goes on where the way has become free; else it plans again, but while it turns."""

@@ -98,6 +98,7 @@ LOOPBACK = "0100007F"
 """127.0.0.1 as the kernel writes it."""
 
 
+@pytest.mark.long
 def test_the_graph_is_reached_from_this_machine_only(tmp_path: Path, root: Path) -> None:
     result = reached("loopback", 3.0, tmp_path, root)
     assert "near" in result["near"]  # received, and answered

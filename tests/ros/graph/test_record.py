@@ -110,6 +110,7 @@ def test_nothing_received_leaves_no_file(ros_domain_id: int, record: Any, tmp_pa
     assert list(tmp_path.glob("*run*")) == []
 
 
+@pytest.mark.long
 def test_messages_without_a_robot_are_no_robot(bench: Any, record: Any) -> None:
     bench.world.create_publisher(String, f"/robot_2/{topics.SUPERVISOR_STATUS}", LATCHED)
     mode = bench.world.create_publisher(String, topics.MODE, LATCHED)

@@ -67,6 +67,7 @@ def tampered(path: Path, out: Path, change: Callable[[str, int, bytes], bytes | 
     return out
 
 
+@pytest.mark.long
 def test_every_command_comes_out_the_same(recorded: Path) -> None:
     report = replay(read_run(recorded))
     assert report.identical and report.compared == report.ticks > 5000
@@ -167,6 +168,7 @@ def test_a_run_on_the_true_state_is_not_recorded(g1: RobotModel, tmp_path: Path)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_a_reset_begins_the_file_anew_and_faults_are_replayed(g1: RobotModel, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with ClosedLoop(robot=g1, record=False, mcap=path) as loop:
@@ -183,6 +185,7 @@ def test_a_reset_begins_the_file_anew_and_faults_are_replayed(g1: RobotModel, tm
     assert result.exit_code == 0 and f"identical: {report.compared} commands" in result.output, result.output
 
 
+@pytest.mark.long
 def test_a_recording_is_drawn(recorded: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["plot", str(recorded), "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output

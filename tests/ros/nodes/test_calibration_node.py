@@ -89,6 +89,7 @@ class Services:
         return future.result().success, future.result().message
 
 
+@pytest.mark.long
 def test_a_calibration_is_answered_kept_and_in_effect_at_the_next_start(
     bench: Any, g1: RobotModel, tmp_path: Any
 ) -> None:

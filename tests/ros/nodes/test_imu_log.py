@@ -128,6 +128,7 @@ def log(tmp_path: Path) -> Iterator[Any]:
         process.wait()
 
 
+@pytest.mark.long
 def test_a_log_of_so_many_seconds(robot: Any, log: Any, tmp_path: Path) -> None:
     process = log("--seconds", "0.5")
     robot.wait(lambda: process.poll() is not None, 60.0)
@@ -138,6 +139,7 @@ def test_a_log_of_so_many_seconds(robot: Any, log: Any, tmp_path: Path) -> None:
     assert f"{len(rows)} samples" in process.stdout.read()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
 def test_a_signal_completes_the_files(robot: Any, log: Any, tmp_path: Path, number: signal.Signals) -> None:
     process = log()

@@ -33,6 +33,7 @@ print(json.dumps([topics, sorted(sys.modules)]))
 """
 
 
+@pytest.mark.long
 def test_no_node_class_asks_for_it_or_imports_the_simulator() -> None:
     """Built, configured and active, in a process that imports nothing else."""
     environment = {**os.environ, **graph_environment(domain_id=free_domain())}

@@ -48,6 +48,7 @@ def kill_first(folder: Path) -> None:
         time.sleep(0.005)
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_loses_and_repeats_no_case(make: Callable[[], Executor], tmp_path: Path) -> None:
     started = tmp_path / "started"
     started.mkdir()

@@ -119,6 +119,7 @@ def test_figures_tell_who_solved_what(problems: list[RecordedQP]) -> None:
     assert summarise(cases, [OWN])["poise_solved"] == pytest.approx(0.8)
 
 
+@pytest.mark.long
 def test_a_rerun_reads_what_was_solved(
     problems: list[RecordedQP], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

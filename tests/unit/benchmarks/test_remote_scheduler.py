@@ -133,6 +133,7 @@ def test_a_scheduler_that_dies_is_named_and_the_same_command_goes_on(
         assert (file.found, file.added) == (kept, len(cases) - kept)
 
 
+@pytest.mark.long
 def test_a_scheduler_that_gets_no_worker_is_named(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -63,6 +63,7 @@ def test_a_bias_is_learnt_at_rest_about_every_axis() -> None:
     assert abs(math.atan2(law.rotation[1, 0], law.rotation[0, 0]) - yaw) < 0.001  # 0.06 with the bias
 
 
+@pytest.mark.long
 def test_a_bias_of_roll_and_pitch_is_learnt_in_motion_from_gravity() -> None:
     """The unit rocks once a second: it never rests."""
     law = OrientationFilter()

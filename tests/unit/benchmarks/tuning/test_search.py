@@ -215,6 +215,7 @@ def search_file(folder: Path, **changes: Any) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_the_profile_written_has_the_parameters_found(trials: list[Parameters], tmp_path: Path) -> None:
     search, out = search_file(tmp_path), tmp_path / "profiles" / "mine.yaml"
     arguments = [str(search), "--out", str(out), "--plot", str(tmp_path / "plots")]
