@@ -1,1 +1,1 @@
-"""The ground around the robot: elevation map and planar patches from point clouds."""
+"""Elevation map and planar patches from point clouds, and footsteps on the map."""

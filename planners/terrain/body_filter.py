@@ -1,4 +1,4 @@
-"""Points of the robot itself, removed from a cloud."""
+"""Filter for points of a cloud that lie on the robot itself."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from planners.terrain.config import BodyConfig
 class _End(NamedTuple):
     """End of a capsule."""
 
-    joint: int  # whose frame it is in
+    joint: int  # joint in whose frame ``place`` is given
     place: Vector  # (3,) [m]
 
 
@@ -29,9 +29,9 @@ class _Capsule(NamedTuple):
 
 
 class BodyFilter:
-    """Finds points within the hulls of the profile, along the soles, and between each of these and the next one above.
+    """Detects points in capsules on the robot: hulls of the profile, along the soles, and links between these.
 
-    Wrists and ankles, which have no hulls, are within the latter.
+    A link joins each capsule to the nearest one of the next joint above; links cover wrists and ankles without hulls.
     """
 
     def __init__(self, robot: RobotModel, config: BodyConfig) -> None:
@@ -45,7 +45,7 @@ class BodyFilter:
             x_min, x_max, y_min, y_max = foot.rectangle
             inset = min(0.5 * config.foot, 0.5 * (y_max - y_min))
             for y in sorted({y_min + inset, y_max - inset}):
-                # the capsule ends at the sole: below it there is ground
+                # the capsule ends at the sole, since there is ground below it
                 places = [sole.placement.act(np.array([x, y, config.foot])) for x in (x_min, x_max)]
                 start, end = (_End(sole.parentJoint, place) for place in places)
                 capsules.append(_Capsule(start, end, config.foot))
@@ -53,14 +53,14 @@ class BodyFilter:
         self._capsules, self._radii = capsules, np.array([capsule.radius for capsule in capsules])
 
     def outside(self, points: Matrix, data: pin.Data) -> NDArray[np.bool_]:
-        """Whether each point of W (n, 3) [m] is outside the robot, whose joints are placed as in ``data`` (n,)."""
+        """Whether each point of W (n, 3) [m] is outside the robot (n,), with the joint placements of ``data``."""
         starts = np.array([data.oMi[each.start.joint].act(each.start.place) for each in self._capsules])
         ends = np.array([data.oMi[each.end.joint].act(each.end.place) for each in self._capsules])
         return _outside(points, starts, ends, self._radii)
 
 
 def _between(robot: RobotModel, capsules: Sequence[_Capsule]) -> list[_Capsule]:
-    """Capsules from each one to the nearest of the next joint above that has any, between their nearest ends."""
+    """Capsules that link each one, at the nearest ends, to the next joint above that has capsules."""
     data, found = robot.data(), []
     pin.forwardKinematics(robot.pin, data, robot.standing_configuration())
     of: dict[int, list[_Capsule]] = {}

@@ -1,4 +1,4 @@
-"""Ways around what stands on level ground: poses to walk through, beside it."""
+"""Detours around obstacles on level ground: poses to walk through, beside the obstacle."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from planners.gait.footsteps import Foothold
 from planners.terrain.elevation_map import Heights, off_level
 from planners.terrain.ground_config import PlanConfig
 
-_FINE = 0.05  #: Between ways that are tried [m]
+_FINE = 0.05  #: Spacing of the lateral offsets that are tried [m]
 
 
 def detour(ground: Heights, line: Foothold, distance: float, clearance: float, config: PlanConfig) -> list[Foothold]:
-    """Poses beside what stands on a line within a ``distance`` [m]; none where the way is free.
+    """Poses that lead past obstacles on a line, up to ``distance`` [m]; empty if the line is free.
 
-    They are on the nearer free side, their heading is that of the line; ``clearance`` is half the width that the robot
-    needs [m]. What is not known is taken for free. Raises ``UnreachableError`` when neither side is free.
+    They are on the nearer free side, with the heading of the line. ``clearance`` is half the width that the robot needs
+    [m]. Unknown ground counts as free. Raises ``UnreachableError`` if neither side is free.
     """
     cell, half = ground.cell, 0.5 * ground.cell * len(ground.values)
-    reach = cell * np.hypot(*ground.values.shape)  # nothing is known beyond
+    reach = cell * np.hypot(*ground.values.shape)  # no ground is known beyond
     ways, sides = np.arange(0.0, min(distance, reach) + clearance, cell), np.arange(-half, half, cell)
     places = np.array([line.moved(way, side) for way in ways.tolist() for side in sides.tolist()])
     heights: Matrix = ground.at(places).reshape(len(ways), len(sides))

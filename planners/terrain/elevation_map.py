@@ -1,4 +1,4 @@
-"""A square grid of heights around the robot, with their variances, that point clouds are fused into."""
+"""Robot-centric elevation map: a square grid of heights and variances that is updated from point clouds."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from models.numerics.compiled import njit
 from models.types import Matrix, Vector
 from planners.terrain.config import TerrainMapConfig
 
-_NEIGHBOURS = 5  #: Known ones of 8 from which on a hole is closed
-_HOLE = 0.02  #: Difference of their heights up to which it is [m]
+_NEIGHBOURS = 5  #: Least number of known neighbours, of 8, for a hole to be closed
+_HOLE = 0.02  #: Largest height difference between these neighbours [m]
 
 
 class _Layers(NamedTuple):
@@ -34,7 +34,7 @@ class _Points(NamedTuple):
 
 
 class _Limits(NamedTuple):
-    """See ``FusionConfig``."""
+    """Fields of ``FusionConfig`` for compiled code."""
 
     floor: float
     layer: float
@@ -43,14 +43,14 @@ class _Limits(NamedTuple):
 
 
 class Heights(NamedTuple):
-    """A grid of heights of the ground in W."""
+    """Grid of ground heights in W."""
 
     values: Matrix  #: (n, m) [m]; nan where unknown
-    corner: tuple[float, float]  #: x and y of the first cell's outer corner [m]
-    cell: float  #: Edge of a cell [m]
+    corner: tuple[float, float]  #: x and y of the outer corner of the first cell [m]
+    cell: float  #: Edge length of a cell [m]
 
     def at(self, points: Matrix) -> Vector:
-        """Heights at points x, y (n, 2) [m]: (n,) [m]."""
+        """Heights (n,) [m] at points x, y (n, 2) [m]; nan where unknown or outside the grid."""
         index = np.floor((points - self.corner) / self.cell).astype(np.int64)
         inside = ((index >= 0) & (index < self.values.shape)).all(axis=1)
         heights = np.full(len(points), np.nan)
@@ -58,7 +58,7 @@ class Heights(NamedTuple):
         return heights
 
     def closed(self) -> Heights:
-        """With cells that no ray has met half-way between their neighbours, where most are known, and level."""
+        """The grid with holes closed: an unknown cell in known, level surroundings gets their mid-height."""
         around = np.pad(self.values, 1, constant_values=np.nan)
         n, m = self.values.shape
         near = np.stack([around[i : i + n, j : j + m] for i in range(3) for j in range(3) if (i, j) != (1, 1)])
@@ -71,9 +71,9 @@ class Heights(NamedTuple):
 
 
 def level_offset(heights: Vector, known: float, roughness: float) -> float | None:
-    """Median of the heights of level ground (n,) [m], nan where unknown.
+    """Median [m] of the heights (n,) [m] of level ground, nan where unknown.
 
-    None where less than the share ``known`` is, or their standard deviation exceeds ``roughness`` [m].
+    None if the known share is below ``known``, or the standard deviation exceeds ``roughness`` [m].
     """
     found = heights[np.isfinite(heights)]
     if not len(found) or len(found) < known * len(heights) or found.std() > roughness:
@@ -82,9 +82,9 @@ def level_offset(heights: Vector, known: float, roughness: float) -> float | Non
 
 
 def off_level(heights: Matrix, level: float, most: float) -> Matrix:
-    """How far heights (any shape) are off a level by more than ``most`` [m], in cells just off it; 0 for nan.
+    """Penalty of heights (any shape) that are off a level by more than ``most`` [m], in cells; 0 for others and nan.
 
-    Lower ones count 1, higher ones their height over ``most``: a sole spans a narrow hole, but no post.
+    A lower cell counts 1, a higher one its height over ``most``: a sole spans a narrow hole, but not a post.
     """
     rise = heights - level
     off: Matrix = np.where(np.abs(rise) > most, np.maximum(rise / most, 1.0), 0.0)
@@ -92,22 +92,23 @@ def off_level(heights: Matrix, level: float, most: float) -> Matrix:
 
 
 class ElevationMap:
-    r"""Heights of cells whose edges are parallel to x and y of W.
+    r"""Elevation map with cells aligned to x and y of W.
 
-    A cloud gives each cell the weighted mean of its highest points, with variance ``1 / sum(1 / s_i^2) + s_0^2``
-    of the points' deviations s_i. Height h and variance P of a cell follow by the Kalman filter of a constant,
+    A cloud measures each cell it hits: m is the weighted mean of the points within ``layer`` deviations of the highest,
+    with variance ``v = 1 / sum(1 / s_i^2) + s_floor^2 + s_0^2``. The deviations s_i of the points are independent, s_0
+    is common to the cell. A Kalman filter of a constant updates height h and variance P:
 
     .. math:: K = P / (P + v), \quad h \leftarrow h + K (m - h), \quad P \leftarrow \max((1 - K) P, s_{floor}^2)
 
-    A measurement outside the gate does not change the height but adds a share of its squared error to the variance, so
-    that some four in a row replace it. Rays that pass below a cell's height empty it.
+    A measurement outside the gate does not change the height. It adds a share of its squared error to the variance, so
+    that about four in a row replace the height. A ray that passes below the height of a cell clears the cell.
 
     Attributes:
-        origin: Index of the first cell along x and y: cell (i, j) has its middle at ``(origin + (i, j) + 0.5) cell``.
+        origin: Index of the first cell along x and y; the centre of cell (i, j) is ``(origin + (i, j) + 0.5) cell``.
         height: (n, n) [m]; nan where unknown.
         variance: (n, n) [m^2]; infinite where unknown.
-        seen: Stamp of the newest measurement within the gate (n, n) [s]; -inf where there was none.
-        measured: Whether a ray has met or emptied the cell (n, n); given heights replace none of these.
+        seen: Stamp of the newest measurement within the gate (n, n) [s]; -inf without one.
+        measured: Whether a ray has hit or cleared the cell (n, n); given heights do not replace such cells.
 
     References:
         Fankhauser, Bloesch, Hutter: Probabilistic terrain mapping for mobile robots with uncertain localization,
@@ -125,28 +126,28 @@ class ElevationMap:
         self.clear()
 
     def clear(self) -> None:
-        """Every cell becomes unknown."""
+        """Set every cell to unknown."""
         self.height[:], self.variance[:], self.seen[:], self.measured[:] = np.nan, np.inf, -np.inf, False
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Cells whose height is certain enough (n, n)."""
+        """Cells with a variance of at most ``variance_max`` (n, n)."""
         known: NDArray[np.bool_] = self.variance <= self._fusion.variance_max
         return known
 
     @property
     def centre(self) -> Vector:
-        """Middle of the map in W (2,) [m]."""
+        """Centre of the map in W (2,) [m]."""
         return np.array((self.origin + 0.5 * self.cells) * self.cell, dtype=np.float64)
 
     def index(self, points: Matrix) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Cells of points x, y (n, 2) [m]: their indices (n, 2), and whether they are in the map (n,)."""
+        """Indices (n, 2) of the cells at points x, y (n, 2) [m], and whether they are in the map (n,)."""
         index: NDArray[np.int64] = np.floor(points / self.cell).astype(np.int64) - self.origin
         i, j = index.T
         return index, (i >= 0) & (i < self.cells) & (j >= 0) & (j < self.cells)
 
     def at(self, points: Matrix, *, measured: bool = False) -> Vector:
-        """Heights at points x, y (n, 2) [m]: (n,) [m], nan where unknown, or not ``measured`` if that is asked for."""
+        """Heights (n,) [m] at points x, y (n, 2) [m]; nan where unknown or, with ``measured``, not measured."""
         index, inside = self.index(points)
         heights = np.full(len(points), np.nan)
         i, j = index[inside].T
@@ -155,12 +156,12 @@ class ElevationMap:
         return heights
 
     def heights(self, reference: float) -> Heights:
-        """What is known of the ground, ``reference`` [m] above the heights of the map."""
+        """Known ground in W, with holes closed; ``reference`` is the height in W of the zero of the map [m]."""
         x, y = (self.origin * self.cell).tolist()
         return Heights(np.where(self.known, self.height + reference, np.nan), (x, y), self.cell).closed()
 
     def move_to(self, x: float, y: float) -> None:
-        """Centre the map on a point of W [m] up to a cell; what it leaves behind is forgotten."""
+        """Centre the map on a point of W [m], rounded to a cell; cells that leave the map are discarded."""
         origin = np.round(np.array([x, y]) / self.cell - 0.5 * self.cells).astype(np.int64)
         shift, self.origin = origin - self.origin, origin
         if not shift.any():
@@ -174,7 +175,7 @@ class ElevationMap:
                 array[(new, slice(None)) if axis == 0 else (slice(None), new)] = unknown
 
     def fill(self, ground: Heights, reference: float, variance: float) -> None:
-        """Take cells neither measured nor known from given heights, ``reference`` [m] above those of the map."""
+        """Fill cells neither measured nor known with given heights less ``reference`` [m], and a variance [m^2]."""
         i, j = np.nonzero(~self.known & ~self.measured)
         places: Matrix = ((self.origin + np.column_stack([i, j]) + 0.5) * self.cell).astype(np.float64)
         heights = ground.at(places) - reference
@@ -183,18 +184,17 @@ class ElevationMap:
         self.height[i, j], self.variance[i, j] = heights[found], variance
 
     def shift(self, height: float) -> None:
-        """Raise every height [m]."""
+        """Raise all cells by a height [m]."""
         self.height += height
 
     def age(self, variance: float) -> None:
-        """Add to the variance of what was measured [m^2]; given heights do not age."""
+        """Increase the variance of measured cells [m^2]; given heights do not age."""
         self.variance[self.measured] += variance
 
     def fuse(self, t: float, points: Matrix, deviations: Vector, common: Vector, eye: Vector) -> int:
-        """Fuse a cloud of points (n, 3) [m] with a stamp [s] that a sensor at ``eye`` (3,) measured.
+        """Fuse points (n, 3) [m] seen from ``eye`` (3,) [m] at time ``t`` [s]; returns the number of measured cells.
 
-        ``deviations`` of the heights are independent, those ``common`` to all points of a cell are not (n,) [m].
-        Returns how many cells were measured.
+        The height errors ``deviations`` are independent, ``common`` ones are shared by all points of a cell (n,) [m].
         """
         fusion = self._fusion
         index, inside = self.index(points[:, :2])
@@ -211,7 +211,7 @@ class ElevationMap:
 
 @njit(cache=True)
 def _fuse(t: float, cloud: _Points, layers: _Layers, limits: _Limits) -> NDArray[np.bool_]:
-    """Update the cells of a cloud; returns which were measured (n, n)."""
+    """Update the cells that a cloud hits; returns which were measured (n, n)."""
     cells, heights, deviations, common = cloud
     height, variance, seen = layers.height.reshape(-1), layers.variance.reshape(-1), layers.seen.reshape(-1)
     floor, layer, gate, disagree = limits
@@ -258,7 +258,7 @@ def _clear(
     measured: NDArray[np.bool_],
     margin: float,
 ) -> None:
-    """Empty the cells above rays from ``eye`` to points, except those measured by the same cloud."""
+    """Clear cells above the rays from ``eye`` to the points, except those that the same cloud measured."""
     height, variance, seen = layers
     size = len(height)
     highest = -np.inf
@@ -269,7 +269,7 @@ def _clear(
     for k in range(len(points)):
         dx, dy, dz = points[k, 0] - eye[0], points[k, 1] - eye[1], points[k, 2] - eye[2]
         steps = int(math.hypot(dx, dy) / cell)
-        for step in range(1, steps):  # from the point towards the eye; the cell of the point itself is left alone
+        for step in range(1, steps):  # from the point to the eye, without the cell of the point
             back = step / steps
             z = points[k, 2] - back * dz
             if z > highest - margin:

@@ -1,4 +1,4 @@
-"""Footsteps along a line on measured ground, up to what cannot be stepped on."""
+"""Footsteps along a line on measured ground, up to the first obstacle."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from planners.terrain.footstep_search import FootstepSearch, Places, Step
 from planners.terrain.ground_config import GroundConfig, PlanConfig
 from planners.terrain.survey import GRID, SoleSurvey
 
-_AHEAD_MIN = 0.1  #: Nearest place ahead of a sole that counts for the reason why it cannot go on [m]
+_AHEAD_MIN = 0.1  #: Least distance ahead of a sole of ground that may be the reason for the end of a plan [m]
 
 
 class GroundQuery(Struct, frozen=True):
-    """A way to plan: along a line, from where the feet will be."""
+    """Query for footsteps along a line, from given poses of the feet."""
 
-    line: Foothold  #: Pose on the line, heading along it
-    distance: float  #: Of the end of the way from there [m]
+    line: Foothold  #: Start of the line, with its heading
+    distance: float  #: Distance from there to the end of the way [m]
     feet: Feet  #: Left and right sole at the start
-    foot: int | None = None  #: That steps first; None for either
-    planned: tuple[Footstep, ...] = ()  #: The present plan from there on
+    foot: int | None = None  #: Foot that steps first; None: either one
+    planned: tuple[Footstep, ...] = ()  #: Steps of the present plan after these poses
 
     def __post_init__(self) -> None:
         poses = (self.line, *self.feet, *(step.hold for step in self.planned))
@@ -45,14 +45,14 @@ class GroundQuery(Struct, frozen=True):
 
 
 class GroundPlan(NamedTuple):
-    """Footsteps, and why they end before the end of the way; empty when they do not."""
+    """Footsteps, and the reason why they end before the end of the way; empty if they do not."""
 
     steps: list[Footstep]
     reason: str
 
 
 class GroundPlanner:
-    """Plans footsteps on the ground as it is known; where nothing is known beside the feet, they will feel it."""
+    """Plans footsteps on known ground. Steps on unknown ground near the feet are felt (no ``Tread``)."""
 
     def __init__(self, robot: RobotModel, config: GaitConfig, plan: PlanConfig | None = None) -> None:
         self.config = plan = plan or default_config(GroundConfig, "planners", "ground").plan
@@ -63,12 +63,12 @@ class GroundPlanner:
         self._limits = self._search.limits
         soles = soles_at(Foothold(0.0, 0.0, 0.0), config.reach.width)
         level = Heights(np.zeros((9, 9)), (0.0, 0.0), 0.1)
-        self.plan(level, GroundQuery(Foothold(0.0, 0.0, 0.0), 0.1, soles))  # compile now, not for the first plan
+        self.plan(level, GroundQuery(Foothold(0.0, 0.0, 0.0), 0.1, soles))  # compile now, not at the first plan
 
     def corrected(self, ground: Heights, query: GroundQuery) -> Heights:
-        """The ground without the error of its height that the feet of a query show, as in the mapper: up to ``limit``.
+        """The ground without the height offset that the feet of a query measure, as in the mapper.
 
-        Soles that lie on known ground must agree on it; where none is known, level ground ahead of them counts.
+        Soles on known ground must agree; without any, level ground ahead counts. An offset above ``limit`` is kept.
         """
         limits, errors = self._errors, [self._ground.height_under(ground, sole) - sole.z for sole in query.feet]
         found = [error for error in errors if math.isfinite(error)]
@@ -84,10 +84,10 @@ class GroundPlanner:
         return ground if error is None or abs(error) > limits.limit else ground._replace(values=ground.values - error)
 
     def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
-        """Footsteps from the feet of a query to the end of its way, or as near to it as they get.
+        """Footsteps from the feet of a query to the end of its way, or as near to it as possible.
 
-        Where they end soon they are planned beside the line, too: wide soles stand on both sides of a gap along the
-        way. Such a plan is used where nothing is too high for a step between it and the line.
+        If they end within ``short_way``, plans along the parallel lines are tried too: wide soles can stand on both
+        sides of a gap along the way. It is used if no ground between it and the line is too high for a step.
         """
         found, way = self._plan_along(ground, query, query.line)
         begin = max(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
@@ -110,7 +110,7 @@ class GroundPlanner:
     def _plan_along(
         self, ground: Heights, query: GroundQuery, line: Foothold, least: float = -math.inf
     ) -> tuple[GroundPlan, float]:
-        """A plan along a line, and the way of its leading foot [m]; none where no sole lies as far as ``least``."""
+        """Plan along a line, and the position of its leading foot [m]; none if no sole fits as far as ``least`` [m]."""
         at = np.array([(*line.relative(sole.x, sole.y), sole.z) for sole in query.feet])
         count = max(math.ceil((query.distance - float(at[:, 0].min())) / GRID[0]), 0) + 1
         ways: Vector = np.asarray(query.distance - GRID[0] * np.arange(count)[::-1], dtype=np.float64)
@@ -134,10 +134,10 @@ class GroundPlanner:
         return GroundPlan(steps, "" if arrived else refusal or self._obstacle(ground, leading, line.yaw)), way
 
     def level(self, ground: Heights, query: GroundQuery) -> bool | None:
-        """Whether the ground along the way is level where the feet walk: no plan is needed.
+        """Whether the ground along the way is level where the feet step, so that no plan is needed.
 
-        What is not known is taken to be as low as the lowest ground of the map: on a landing it may be an edge, on a
-        floor it is more floor. None where it is a floor and nothing on the way is known.
+        Unknown ground counts as low as the lowest ground of the map: on a landing it may be an edge, on a floor it is
+        more floor. None if nothing on the way is known and the map has no lower ground.
         """
         half = 0.5 * self._limits.width + self._ground.points[:, 1].max()
         start = min(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
@@ -155,7 +155,7 @@ class GroundPlanner:
         return float(off_level(heights, level, self.config.level).sum()) < self.config.stray
 
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:
-        """Whether the ground under, between or beside the planned footsteps has changed since their plan."""
+        """Whether the ground under, between or beside the planned footsteps has changed since they were planned."""
         feet, points, off, most = list(query.feet), self._ground.points, self.config.level, self.config.changed
         for step in query.planned:
             last, hold = feet[step.foot], step.hold
@@ -176,11 +176,11 @@ class GroundPlanner:
 
     @staticmethod
     def _known(ground: Heights, query: GroundQuery) -> bool:
-        """Whether the ground in the middle of a sole is known."""
+        """Whether the ground at the origin of at least one sole is known."""
         return bool(np.isfinite(ground.at(np.array([sole.pose[:2] for sole in query.feet]))).any())
 
     def _refusal(self, steps: list[Footstep], feet: Sequence[Foothold]) -> str:
-        """Why the gait would refuse the steps: feet that are turned from the line, too steep ground; empty if not."""
+        """Reason why the gait would refuse the steps, e.g. feet turned from the line or steep ground; empty if none."""
         try:
             if steps:
                 check_footsteps(steps, feet, self._gait)
@@ -189,12 +189,12 @@ class GroundPlanner:
         return ""
 
     def _obstacle(self, ground: Heights, stance: Foothold, yaw: float) -> str:
-        """Why no foot can be put down ahead of a stance foot."""
+        """Reason why no foot can be placed ahead of a stance foot."""
         reach, pose = self._gait.reach, Foothold(stance.x, stance.y, yaw)
         rises = ground.at(_lattice(pose, np.arange(_AHEAD_MIN, reach.forward, 0.02), 0.0)) - stance.z
         beyond = rises[np.abs(rises) > reach.rise]
         if len(beyond):
-            rise = float(np.median(beyond[np.sign(beyond) == np.sign(beyond[0])]))  # of what comes first
+            rise = float(np.median(beyond[np.sign(beyond) == np.sign(beyond[0])]))  # of the sign that comes first
             way = "higher" if rise > 0.0 else "lower"
             return f"the ground ahead is {abs(rise):.2f} m {way}, at most {reach.rise:.2f} m"
         if np.isnan(rises).any():
@@ -206,14 +206,14 @@ class GroundPlanner:
 
 
 def _lattice(line: Foothold, ways: ArrayLike, sides: ArrayLike) -> Matrix:
-    """Places at ``ways`` along a line (n,) and ``sides`` across it (m,) [m], in W (n m, 2) [m], row by row."""
+    """Points in W (n m, 2) [m] at ``ways`` along a line (n,) and ``sides`` across it (m,) [m], row by row."""
     along, across = (each.ravel() for each in np.meshgrid(ways, sides, indexing="ij"))
     c, s = math.cos(line.yaw), math.sin(line.yaw)
     return np.stack([line.x + c * along - s * across, line.y + s * along + c * across], axis=-1)
 
 
 def _footstep(line: Foothold, places: Places, step: Step, beside: float) -> Footstep:
-    """The footstep to a place, with room ``beside`` it [m]; its ground is felt where no sole was found to lie."""
+    """Footstep to a place, with extra room ``beside`` it [m]; without ``Tread``, so felt, if no sole fits there."""
     survey, at = places.survey, (step.row, step.column)
     x, y = line.moved(float(places.ways[step.row]), float(places.sides[step.column]))
     hold = Foothold(x, y, line.yaw, step.height)

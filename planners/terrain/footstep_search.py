@@ -1,4 +1,4 @@
-"""Search for footsteps along a line, from place to place of a lattice on which soles were tried."""
+"""Beam search for footsteps along a line, on the places of a surveyed lattice."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from planners.gait.tread import leg_height
 from planners.terrain.ground_config import PlanConfig
 from planners.terrain.survey import Survey
 
-_DEPTH = 40  #: Footsteps of a plan at most
-_WIDTH = 80  #: Beginnings of plans that are kept after each step
-_KEY = (0.04, 0.06)  #: Of beginnings whose feet are this near to each other along and across, the best is kept [m]
+_DEPTH = 40  #: Largest number of footsteps of a plan
+_WIDTH = 80  #: Beam width: partial plans that are kept after each step
+_KEY = (0.04, 0.06)  #: Cell of foot positions along and across in which only the best partial plan is kept [m]
 
 
 class _Costs(NamedTuple):
-    """See ``CostsConfig``, for compiled code."""
+    """Fields of ``CostsConfig`` for compiled code."""
 
     left: float
     short: float
@@ -36,27 +36,27 @@ class _Costs(NamedTuple):
 
 
 class Places(NamedTuple):
-    """A lattice along a line, and what was found there."""
+    """Lattice along a line, and its survey."""
 
-    ways: Vector  #: Along the line (n,) [m]
-    sides: Vector  #: Across it, left positive (m,) [m]
+    ways: Vector  #: Positions along the line (n,) [m]
+    sides: Vector  #: Positions across the line, left positive (m,) [m]
     survey: Survey
 
     @property
     def farthest(self) -> float:
-        """Way to the last place where a sole lies [m]; -inf without one."""
+        """Position along the line of the last place where a sole fits [m]; -inf without one."""
         fitting = np.flatnonzero((self.survey.fits == 1).any(axis=1))
         return float(self.ways[fitting[-1]]) if len(fitting) else -math.inf
 
 
 class Step(NamedTuple):
-    """A step to a place of the lattice."""
+    """Step to a place of the lattice."""
 
     foot: int
     row: int
     column: int
     height: float  #: [m]
-    over: float  #: See ``Tread`` [m]
+    over: float  #: ``Tread.over`` [m]
 
 
 class _Limits(NamedTuple):
@@ -66,41 +66,41 @@ class _Limits(NamedTuple):
     narrow: float
     wide: float
     rise: float
-    over: float  #: Of what a foot passes above its ends
-    body: float  #: Of the body along the line
-    sway: float  #: and across
+    over: float  #: Largest height that a foot steps over, plus its rise
+    body: float  #: Largest motion of the body along the line
+    sway: float  #: Largest motion of the body across the line
     width: float
     stride: float
     level: float
     together: float
     beside: float
-    flat: float  #: Difference of height between places on one level
+    flat: float  #: Largest height difference between places on one level
     comfort: float
     leg: float
-    heel: float  #: Of a sole, in its frame
+    heel: float  #: x of the heel in the frame of the sole; ``toe`` likewise
     toe: float
-    edge: float  #: Free ground ahead of the toe of a foot that passes something
+    edge: float  #: Free ground ahead of the toe of a foot that steps over something
 
 
 class _Begun(NamedTuple):
-    """Beginnings of plans, of k each; ``at`` are places along and across the line and heights of both feet."""
+    """Partial plans (k,); ``at`` are positions along and across the line and heights of both feet."""
 
     at: NDArray[np.float64]  #: (k, 2, 3) [m]
-    foot: NDArray[np.int64]  #: That steps next (k,)
-    seen: NDArray[np.bool_]  #: Whether a sole is on known ground, so that none is felt any more (k,)
+    foot: NDArray[np.int64]  #: Foot that steps next (k,)
+    seen: NDArray[np.bool_]  #: Whether a sole has been on known ground; no later step is felt (k,)
     cost: Vector  #: (k,)
-    over: Vector  #: Of the last step, see ``Tread`` (k,) [m]
+    over: Vector  #: ``Tread.over`` of the last step (k,) [m]
 
 
 class FootstepSearch:
-    """A beam search: from ``_WIDTH`` beginnings at most, each next step to every place where a sole lies and in reach.
+    """Beam search: extends at most ``_WIDTH`` partial plans by a step to every place in reach where a sole fits.
 
-    On one level the feet go ahead in turn; before and after a step to another level, or over what is higher than both
-    its ends, they are at most ``beside`` apart along the line, and at the end side by side.
+    On one level the feet step ahead in turn. Before and after a step to another level, or over something higher than
+    both footholds, they are at most ``beside`` apart along the line. At the end they are side by side.
     """
 
     def __init__(self, config: GaitConfig, plan: PlanConfig, sole: tuple[float, float, float, float]) -> None:
-        """``sole`` is the rectangle of one [m]."""
+        """``sole`` is the rectangle of a sole: x_min, x_max, y_min, y_max [m]."""
         self._costs, self._stance = _Costs(**asdict(plan.costs)), plan.stance + sole[3] - sole[2]
         reach, velocity, period = config.reach, config.velocity, config.period
         self.limits = _Limits(
@@ -125,20 +125,20 @@ class FootstepSearch:
         )
 
     def steps(self, places: Places, feet: Matrix, foot: int | None, *, known: bool, distance: float) -> list[Step]:
-        """The best steps towards the end of the way, at a ``distance`` along the line [m]; none where none is possible.
+        """Best steps towards the end of the way, at a ``distance`` along the line [m]; empty if there are none.
 
-        ``feet`` are the places of both feet along and across the line and their heights (2, 3) [m]; ``foot`` steps
-        first, either one when None. Unless the ground beside them is ``known``, steps are felt until a sole lies on
-        ground that is.
+        ``feet`` are the positions of both feet along and across the line and their heights (2, 3) [m]. ``foot`` steps
+        first; None: either one. Unless the ground under the feet is ``known``, steps are felt until a sole is on known
+        ground.
         """
         felt = float(feet[:, 0].max()) + self.limits.stride
         starts = (LEFT, RIGHT) if foot is None else (foot,)
         count = len(starts)
         zero = np.zeros(count)
         begun = _Begun(np.array([feet] * count), np.array(starts), np.array([known] * count), zero, zero)
-        history: list[tuple[NDArray[np.int64], NDArray[np.int64], _Begun]] = []  # parents, places, beginnings
+        history: list[tuple[NDArray[np.int64], NDArray[np.int64], _Begun]] = []  # parents, places, partial plans
         best, end = math.inf, (-1, 0)
-        left = max(distance - max(felt, places.farthest), 0.0)  # after any number of steps
+        left = max(distance - max(felt, places.farthest), 0.0)  # remaining distance after any number of steps
         least = self._costs.short * left / self.limits.stride
         for depth in range(_DEPTH + 1):
             costs = self._end_costs(begun, distance)
@@ -158,7 +158,7 @@ class FootstepSearch:
         return steps[::-1]
 
     def _end_costs(self, begun: _Begun, distance: float) -> Vector:
-        """Costs of plans that end here; infinite where the feet are not side by side."""
+        """Costs of plans that end here (k,); infinite if the feet are not side by side."""
         apart = begun.at[:, LEFT] - begun.at[:, RIGHT]  # (k, 3)
         off = np.hypot(apart[:, 0], apart[:, 1] - self.limits.width)
         stands = (np.abs(apart[:, 0]) <= self.limits.together + 1e-9) & (off <= self._stance)
@@ -168,7 +168,7 @@ class FootstepSearch:
         return costs
 
     def _next(self, begun: _Begun, places: Places, felt: float) -> tuple[NDArray[np.int64], NDArray[np.int64], _Begun]:
-        """Beginnings that are one step longer: their parents (k,), the places of that step (k,), and themselves."""
+        """Partial plans that are one step longer: their parents (k,), the places of that step (k,), and the plans."""
         ways, sides, survey = places
         costs, nearest, overs = _expand(begun, ways, sides, survey, felt, self.limits, self._costs)  # (k, n)
         parents, along = np.nonzero(np.isfinite(costs))
@@ -189,7 +189,7 @@ class FootstepSearch:
 
 @njit(cache=True)
 def _first_of_each(order: NDArray[np.int64], keys: Matrix, most: int) -> NDArray[np.int64]:
-    """At most so many rows in that order, the first one of each key (k, 5)."""
+    """At most ``most`` rows in the given order, only the first one of each key (k, 5)."""
     kept, count = np.empty(most, np.int64), 0
     for row in order:
         new = count < most
@@ -212,9 +212,9 @@ def _first_of_each(order: NDArray[np.int64], keys: Matrix, most: int) -> NDArray
 def _expand(
     begun: _Begun, ways: Vector, sides: Vector, survey: Survey, felt: float, limits: _Limits, costs: _Costs
 ) -> tuple[Matrix, NDArray[np.int64], Matrix]:
-    """Cost of each beginning (k) with a next step to each way (n), across from it at the best place; and that place.
+    """Cost of each partial plan (k) with a next step to each position along the line (n), at the best place across.
 
-    The third is ``Tread.over`` of that step. A step is felt up to the way ``felt`` [m].
+    Also returns these places, and ``Tread.over`` of the steps. Steps may be felt up to the position ``felt`` [m].
     """
     shape = len(begun.cost), len(ways)
     best, places, overs = np.full(shape, np.inf), np.zeros(shape, np.int64), np.zeros(shape)
@@ -224,12 +224,12 @@ def _expand(
         stance, before, side = begun.at[n, 1 - foot], begun.at[n, foot], 1.0 if foot == LEFT else -1.0
         together = abs(stance[0] - before[0]) <= limits.beside + 1e-9
         apart = abs(stance[2] - before[2]) > limits.flat
-        highest[:] = -np.inf  # of what is between toe and heel of the sole before and after the step
+        highest[:] = -np.inf  # of the ground between the toe before and the heel after the step
         row, own = max(math.ceil((before[0] + limits.toe - ways[0]) / grid), 0), 0
         for j in range(len(sides)):
             if abs(sides[j] - before[1]) < abs(sides[own] - before[1]):
                 own = j
-        nearest = -np.inf  # highest ground right ahead of its toe
+        nearest = -np.inf  # highest ground directly ahead of the toe
         for i in range(row, shape[1]):
             if ways[i] > before[0] + limits.toe + limits.edge:
                 break

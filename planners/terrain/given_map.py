@@ -1,4 +1,4 @@
-"""A map of the ground that is known beforehand: a grey image of heights, and a YAML file with its scale."""
+"""Given map of the ground, known in advance: a grey image of heights, and a YAML file with its scale."""
 
 from pathlib import Path
 
@@ -12,17 +12,17 @@ from models.errors import ConfigError
 from models.terrain import Terrain, blocks
 from planners.terrain.elevation_map import Heights
 
-_GREYS = 65535  #: Largest value of a pixel
+_GREYS = 65535  #: Largest pixel value
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GivenMap:
-    """The YAML file of a map; the names, but for ``heights``, are those of ROS's map_server."""
+    """The YAML file of a map; its keys, except ``heights``, are those of the ROS map_server."""
 
-    image: str  #: 16-bit grey PNG, beside this file or an absolute path; rows along y, the first one is farthest left
-    resolution: Positive  #: Edge of a pixel [m]
-    origin: tuple[float, float, float]  #: Corner of the lower left pixel from where the robot starts [m, m], and 0
-    heights: tuple[float, float]  #: Of pixels of the values 1 and 65535; 0 is unknown [m]
+    image: str  #: 16-bit grey PNG, beside this file or an absolute path; columns along x, rows along -y (left first)
+    resolution: Positive  #: Edge length of a pixel [m]
+    origin: tuple[float, float, float]  #: Corner of the lower left pixel, from the start of the robot: x, y [m], and 0
+    heights: tuple[float, float]  #: Heights of the pixel values 1 and 65535 [m]; the value 0 is unknown
 
     def __post_init__(self) -> None:
         if self.origin[2] != 0.0:
@@ -32,7 +32,7 @@ class GivenMap:
 
 
 def terrain_heights(terrain: Terrain, cell: float = 0.02) -> Heights:
-    """Heights of a terrain in cells of an edge [m], a box on it included; nan beside it."""
+    """Heights of a terrain and the box on it, in cells with an edge of ``cell`` [m]; nan beside the terrain."""
     size = terrain.length, terrain.width
     xs = np.arange(min(-terrain.width, -1.0) + 0.5 * cell, size[0], cell)[:, None]
     ys = np.arange(-size[1] + 0.5 * cell, size[1], cell)[None, :]
@@ -49,7 +49,7 @@ def terrain_heights(terrain: Terrain, cell: float = 0.02) -> Heights:
 
 
 def load_given_map(file: Path) -> Heights:
-    """Heights of a map; ``ConfigError`` names the file that is missing or malformed."""
+    """Load the heights of a map. Raises ``ConfigError`` that names the file that is missing or malformed."""
     file = file.expanduser()
     try:
         given = load_config(GivenMap, file)
@@ -72,7 +72,7 @@ def load_given_map(file: Path) -> Heights:
 
 
 def save_given_map(file: Path, ground: Heights) -> Path:
-    """Write a map as ``file`` and the image beside it, which is returned; ``ConfigError`` when it cannot be."""
+    """Write a map as ``file`` and an image beside it; returns the image file. Raises ``ConfigError`` on failure."""
     if file.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{file}: the file of a map is a .yaml, with a .png beside it")
     known, image = np.isfinite(ground.values), file.with_suffix(".png")

@@ -7,96 +7,96 @@ from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, Count, NonNegative, Positive, Share
 
-Room = Annotated[float, Field(ge=0.02, le=1.0)]  #: At least a place of the lattice
+Room = Annotated[float, Field(ge=0.02, le=1.0)]  #: At least one place of the lattice
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class WatchConfig:
-    """What a walking robot watches of the ground, and when it walks on plans."""
+    """Monitoring of the ground during a walk, and the switch to planned footsteps."""
 
-    ahead: Positive  #: How far ahead of the feet the ground is watched at least [m]
+    ahead: Positive  #: Least distance ahead of the feet up to which the ground is checked [m]
     beside: Positive  #: The same to the sides and behind [m]
-    preview_time: NonNegative  #: And how far in time, at the commanded velocity [s]
+    preview_time: NonNegative  #: Time at the commanded velocity by which the checked distance is extended [s]
     answer_timeout: Positive  #: Longest wait for the answer whether the ground is level [s]
-    retry_period: Positive  #: After which a robot that was stopped asks again [s]
-    speed_min: NonNegative  #: Speed up to which nothing is watched [m/s]
-    turn_min: Positive  #: Heading from the line of a plan that the robot turns by first [rad]
-    heading_error: Positive  #: Heading from that of the goal that it turns by at the end [rad]
-    cone: Annotated[float, Field(gt=0.0, lt=1.57)]  #: Between two directions up to which they count as one [rad]
-    near_goal: Positive  #: Distance from a goal up to which the ground is watched ahead, not towards it [m]
-    line_length: Positive  #: Length of the line of a velocity [m]
-    look_time: NonNegative  #: How long it looks before it asks for a way around [s]
-    detours_max: Count  #: Ways around that are tried for a goal
+    retry_period: Positive  #: Period of the requests of a robot that was stopped [s]
+    speed_min: NonNegative  #: Speed up to which the ground is not checked [m/s]
+    turn_min: Positive  #: Heading error to the line of a plan above which the robot turns first [rad]
+    heading_error: Positive  #: Heading error at the goal above which the robot turns at the end [rad]
+    cone: Annotated[float, Field(gt=0.0, lt=1.57)]  #: Angle up to which two directions count as one [rad]
+    near_goal: Positive  #: Distance to a goal up to which the ground ahead is checked, not the ground towards it [m]
+    line_length: Positive  #: Length of the line of plans at a velocity [m]
+    look_time: NonNegative  #: Time for observation before a detour is requested [s]
+    detours_max: Count  #: Largest number of detours for one goal
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RouteConfig:
-    """Plans on the way along a line."""
+    """Plans during a walk along a line."""
 
-    look_time: NonNegative  #: How long a standing robot looks before it plans [s]
-    kept: Count  #: Footsteps that a plan on the way does not change
-    change_max: Positive  #: Change of a foothold with which a plan may come a touchdown late [m]
-    arrived: Positive  #: From the end of the way, where the walk is over [m]
-    shortfall_max: Positive  #: By which a plan may end before the one that it replaces [m]
-    horizon: Positive  #: How far ahead of the feet is planned at most [m]
+    look_time: NonNegative  #: Time for observation of a standing robot before a plan is requested [s]
+    kept: Count  #: Number of next footsteps that a plan during the walk does not change
+    change_max: Positive  #: Largest change of the first foothold of a plan that comes a touchdown late [m]
+    arrived: Positive  #: Distance to the end of the line at which the walk is complete [m]
+    shortfall_max: Positive  #: Largest distance by which a plan may end before the plan that it replaces [m]
+    horizon: Positive  #: Largest distance of a plan ahead of the feet [m]
     plan_timeout: Positive  #: Longest wait for a plan [s]
-    stops_max: Count  #: After so many stops for a plan that became void, the next one ends the walk
+    stops_max: Count  #: Number of stops for an invalid plan after which the next one ends the walk
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SoleConfig:
-    """Ground that a sole lies on."""
+    """Ground under a sole."""
 
-    beside: NonNegative  #: To either side of it, the ground that its plane is fitted to as well [m]
+    beside: NonNegative  #: Width of the ground on either side of the sole that its plane is also fitted to [m]
     flat: Positive  #: Largest deviation of that ground from its plane [m]
-    rough: Positive  #: The same where a sole may be moved to sideways [m]
-    same: Positive  #: Difference of height between neighbours of the lattice on the same ground [m]
-    along: Room  #: Way ahead and back by which a sole may move on its ground that is looked for [m]
+    rough: Positive  #: The same for ground onto which a sole may only be moved sideways [m]
+    same: Positive  #: Largest height difference between neighbours of the lattice on the same ground [m]
+    along: Room  #: Largest distance ahead and back by which a sole may move on its ground [m]
     across: Room  #: The same to the sides [m]
-    higher: Positive  #: Above the plane of a sole from which on ground is higher [m]
-    wall: Positive  #: Distance ahead or behind of a leg from which on higher ground does not matter [m]
+    higher: Positive  #: Height above the plane of a sole from which ground counts as higher [m]
+    wall: Positive  #: Distance ahead of or behind a leg from which higher ground has no effect [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class CostsConfig:
     """Costs of a plan; each step costs 1."""
 
-    left: NonNegative  #: Of every stride of the distance that is left while it is searched [-]
-    short: NonNegative  #: And at the end of a plan: more than a step in reach costs, so that it goes on [-]
-    long: NonNegative  #: Of the square of what a step is longer than the stride, or its swing than two [1/m^2]
-    crouch: NonNegative  #: Of the square of how much lower the body is between both soles [1/m^2]
-    edge: NonNegative  #: Of a sole beside an edge [-]
-    wall: NonNegative  #: Of the squared share by which higher ground ahead or behind is too near to the leg [-]
-    line: NonNegative  #: Of the square of a sole's distance from its nominal place beside the line [1/m^2]
-    width: NonNegative  #: Of the square of the difference from the nominal width between the feet [1/m^2]
+    left: NonNegative  #: Cost of each stride of remaining distance during the search [-]
+    short: NonNegative  #: The same at the end of a plan; more than a step in reach costs, so that the plan goes on [-]
+    long: NonNegative  #: Cost of the squared excess of a step over the stride, and of its swing over two [1/m^2]
+    crouch: NonNegative  #: Cost of the squared crouch of the body between both soles [1/m^2]
+    edge: NonNegative  #: Cost of a sole beside an edge [-]
+    wall: NonNegative  #: Cost of the squared proximity of higher ground to the leg, as a share of `sole.wall` [-]
+    line: NonNegative  #: Cost of the squared distance of a sole from its nominal place beside the line [1/m^2]
+    width: NonNegative  #: Cost of the squared deviation from the nominal width between the feet [1/m^2]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class PlanConfig:
-    """Footsteps on known ground."""
+    """Plans of footsteps on known ground."""
 
-    stride: Positive  #: Usual length of a step [m]
-    aside: Positive  #: To either side of the line footholds reach [m]
-    shift: Positive  #: From the line to those beside it [m]
-    short_way: Positive  #: A plan that ends before this way is compared with those beside it [m]
-    arrived: Positive  #: From the end of the way, where a plan is complete [m]
-    level: Positive  #: Difference of height from which ground is another [m]
-    stray: Positive  #: Cells off a level from which on it is none, higher ones counted by their height
-    lowest: Annotated[float, Field(ge=0.0, le=50.0)]  #: Of the known ground that counts as its lowest [%]
-    changed: Share  #: Share of the ground of a step that is off its plan from which on the plan is void [-]
-    passed: Share  #: Share of `reach.rise` for what a foot passes on its way [-]
-    beside: Positive  #: Way up to which feet are beside each other before and after a step to another level [m]
+    stride: Positive  #: Nominal length of a step [m]
+    aside: Positive  #: Largest distance of footholds from the line to either side [m]
+    shift: Positive  #: Distance of the line to the parallel lines that are also tried [m]
+    short_way: Positive  #: Length below which a plan is compared with plans along the parallel lines [m]
+    arrived: Positive  #: Distance to the end of the line at which a plan is complete [m]
+    level: Positive  #: Height difference above which ground is on another level [m]
+    stray: Positive  #: Number of cells off a level from which ground is not level; higher cells count by height
+    lowest: Annotated[float, Field(ge=0.0, le=50.0)]  #: Percentile of known heights that is the lowest ground [%]
+    changed: Share  #: Share of changed ground under a step above which its plan is void [-]
+    passed: Share  #: Largest height that a foot steps over, as a share of `reach.rise` [-]
+    beside: Positive  #: Largest distance along the line between feet before and after a step to another level [m]
     together: Positive  #: The same at the end of a plan [m]
-    comfort: Positive  #: Room ahead and back from which on an edge does not matter [m]
-    inside: NonNegative  #: A step is planned so far inside the reach [m]
-    stance: Positive  #: Difference from the nominal stance in which a plan may end, beyond the width of a sole [m]
+    comfort: Positive  #: Room ahead and back from which an edge has no cost [m]
+    inside: NonNegative  #: Margin of planned steps to the limits of the reach [m]
+    stance: Positive  #: Largest deviation from the nominal stance at the end of a plan, beyond the sole width [m]
     sole: SoleConfig
     costs: CostsConfig
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GroundConfig:
-    """Walking on known ground."""
+    """Walks on known ground."""
 
     watch: WatchConfig
     route: RouteConfig

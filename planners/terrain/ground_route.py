@@ -1,4 +1,4 @@
-"""A walk along a line over measured ground: planned from standing, and again at every touchdown while the map grows."""
+"""Walk along a line over measured ground, planned from standing and again at every touchdown as the map grows."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from planners.terrain.ground_config import GroundConfig, RouteConfig
 
 
 class Walker(Protocol):
-    """Takes footsteps: the gait, or the stack around it."""
+    """Executes footsteps: the gait, or the stack around it."""
 
     def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
         """See ``GaitPlanner.take_steps``."""
@@ -30,35 +30,35 @@ class Walker(Protocol):
 
 
 class Request(Struct, frozen=True):
-    """A query for a plan, and the touchdown after which the plan begins; None from standing."""
+    """Query for a plan, and the touchdown after which the plan begins; None: from standing."""
 
     number: int
     query: GroundQuery
     after: int | None = None
-    stamp: float = 0.0  # of the request [s]
-    watch: bool = False  # only whether the way is level is asked
-    around: bool = False  # poses beside what stands on the way are asked for, no footsteps
+    stamp: float = 0.0  # stamp of the request [s]
+    watch: bool = False  # requests only whether the way is level
+    around: bool = False  # requests poses around obstacles instead of footsteps
 
 
 class Answer(Struct, frozen=True):
-    """The plan for a request."""
+    """Answer to a request."""
 
     number: int
     steps: tuple[Footstep, ...] = ()
-    reason: str = ""  # why the steps end before the end of the way; empty when they do not
-    level: bool = False  # the whole way is on the level of the feet, as far as it is known
-    blind: bool = False  # nothing is known of the way
-    blocked: bool = False  # the steps planned so far cannot be taken any more
-    poses: tuple[Foothold, ...] = ()  # to walk through beside what stands on the way
-    stamp: float = 0.0  # of the newest light in the map [s]
+    reason: str = ""  # why the steps end before the end of the way; empty if they do not
+    level: bool = False  # whether the whole way is on the level of the feet, see ``GroundPlanner.level``
+    blind: bool = False  # whether nothing on the way is known
+    blocked: bool = False  # whether the steps planned so far have become impossible
+    poses: tuple[Foothold, ...] = ()  # to walk through, around obstacles
+    stamp: float = 0.0  # of the newest measurement in the map [s]
 
 
 def answer_request(
     planner: GroundPlanner, request: Request, ground: Heights, *, clearance: float, stamp: float = 0.0
 ) -> Answer:
-    """The answer to a request on the ground as it is known, whose newest light has a stamp [s].
+    """Answer a request on the known ground; ``stamp`` is that of the newest measurement in the map [s].
 
-    ``clearance`` is half the width that the robot needs beside what it walks around [m].
+    ``clearance`` is half the width that the robot needs beside an obstacle [m].
     """
     number, query = request.number, request.query
     ground = planner.corrected(ground, query)
@@ -74,20 +74,20 @@ def answer_request(
 
 
 class GroundRoute:
-    """Asks for plans, and has their footsteps taken, until the robot stands at the end of a line or cannot go on.
+    """Requests plans and executes their footsteps until the robot stands at the end of a line or cannot go on.
 
         request = route.request(t)             # after every tick; None when no plan is due
         route.answer(answer_request(planner, request, ground, ...))
 
-    A plan from standing is made after ``look_time`` [s], in which the robot sees what is ahead. During the walk a
-    touchdown makes a plan due whose steps follow the next ones; one that comes too late, or ends before the present
-    plan, is not used, unless the ground of that has changed. So the robot goes on without a stop where the map grows in
-    time; otherwise it stands, looks and goes on, also where its plan became void and no other one was found: what a map
-    shows during a walk may be wrong for a moment. The walk ends with the reason of a plan from standing.
+    A plan from standing is requested after ``look_time`` [s], in which the robot observes the ground. During the walk,
+    each touchdown triggers a plan after the next ``kept`` steps. It is not used if it is too late, or if it ends before
+    the present plan while the ground of that plan is unchanged. If the map grows in time, the robot does not stop.
+    Otherwise it stands, observes and goes on, also if its plan became void without another one, since a map may be
+    wrong for a moment during a walk. The walk ends with the reason of a plan from standing.
 
     Attributes:
-        outcome: Empty under way; ``done``, or why the walk has ended.
-        plans: Plans that were used.
+        outcome: Empty during the walk, then ``done`` or the reason why it ended.
+        plans: Number of plans that were used.
     """
 
     def __init__(self, gait: GaitPlanner, walker: Walker, config: RouteConfig | None = None) -> None:
@@ -103,20 +103,20 @@ class GroundRoute:
         return not self.outcome
 
     def begin(self, line: Foothold, distance: float) -> None:
-        """Walk along a line, from its pose on, over a ``distance`` [m]; the robot stands."""
+        """Walk along a line from its pose over a ``distance`` [m]; the robot must stand."""
         self._line, self._distance = line, distance
         self.outcome, self.plans = "", 0
         self._pending, self._asked = None, self._gait.steps
         self._standing: float | None = None
-        self._stops, self._stopped = 0, False  # made by this route, to look again; and whether one is under way
-        self._taken: tuple[Footstep, ...] = ()  # of the plan in use, with the heights that the map had
+        self._stops, self._stopped = 0, False  # stops of this route to observe again, and whether one is active
+        self._taken: tuple[Footstep, ...] = ()  # steps of the plan in use, with the heights of its map
 
     def end(self, reason: str) -> None:
-        """Ask for no more plans; the footsteps under way are not affected."""
+        """Request no more plans; footsteps under way are not affected."""
         self.outcome, self._pending = self.outcome or reason, None
 
     def request(self, t: float) -> Request | None:
-        """The plan that is due at a stamp [s], once."""
+        """The request for a plan that is due at a stamp [s], returned once."""
         if not self.active:
             return None
         if self._pending is not None:
@@ -149,7 +149,7 @@ class GroundRoute:
         return self._ask(t, GroundQuery(self._line, self._reach(feet), feet))
 
     def answer(self, answer: Answer) -> None:
-        """Use the plan for the newest request; others are left out."""
+        """Use the plan for the newest request; other answers are ignored."""
         request = self._pending
         if request is None or answer.number != request.number:
             return
@@ -179,7 +179,7 @@ class GroundRoute:
         return self._pending
 
     def _way(self, feet: Sequence[Foothold]) -> float:
-        """Way of the middle between the soles along the line [m]."""
+        """Position of the middle between the soles along the line [m]."""
         here = middle(feet)
         return self._line.relative(here.x, here.y)[0]
 
@@ -187,7 +187,7 @@ class GroundRoute:
         return min(self._distance, self._way(feet) + self._config.horizon)
 
     def _helps(self, after: int, answer: Answer) -> bool:
-        """Whether steps after a touchdown are in time, and go as far as those that they replace if these still hold."""
+        """Whether steps after a touchdown are in time, and reach as far as those they replace if these are valid."""
         route, kept, steps = self._gait.route, after - self._gait.steps, answer.steps
         if not 1 <= kept <= route.left:
             return False
@@ -199,5 +199,5 @@ class GroundRoute:
         return bool(old) and math.hypot(new.x - old[0].hold.x, new.y - old[0].hold.y) <= self._config.change_max
 
     def _end_of(self, steps: Sequence[Footstep]) -> float:
-        """How far ahead the last two steps end [m]."""
+        """Farthest position of the last two steps along the line [m]."""
         return max(self._line.relative(step.hold.x, step.hold.y)[0] for step in steps[-2:])

@@ -1,4 +1,4 @@
-"""How far a leg reaches ahead of its sole and behind it, where ground beside the sole is higher."""
+"""Extent of a leg ahead of its sole and behind it by height, for the distance to higher ground."""
 
 from itertools import product
 
@@ -13,16 +13,16 @@ from models.robot_model import RobotModel
 from models.types import Matrix
 from planners.gait.reaction import pose_foot
 
-_LAYER = 0.01  #: Between two heights above the sole [m]
-_HIGHEST = 0.8  #: The highest one [m]
+_LAYER = 0.01  #: Spacing of the heights above the sole [m]
+_HIGHEST = 0.8  #: Largest height above the sole [m]
 _SAMPLES = 20  #: Points on each edge of an outline
 
 
 def leg_extent(robot: RobotModel, crouch: float) -> Matrix:
-    """Least and largest x of the leg over a sole, in its frame, below each height of ``layer_at`` (n, 2) [m].
+    """Least and largest x of the leg below each height of ``layer_at`` (n, 2) [m], in the frame of its sole.
 
-    The body is upright over the sole, lower by ``crouch`` [m] than standing. The leg has the convex outlines of its
-    links seen from the side, without that of the foot: the sole has its rectangle.
+    The body is upright over the sole and ``crouch`` [m] lower than in standing. Links count with the convex outline of
+    their side view, the foot with the rectangle of its sole.
     """
     foot, data, stand = robot.feet[0], robot.data(), robot.standing_configuration()
     pin.framesForwardKinematics(robot.pin, data, stand)
@@ -42,12 +42,12 @@ def leg_extent(robot: RobotModel, crouch: float) -> Matrix:
 
 @register_jitable
 def layer_at(height: float, count: int) -> int:
-    """Row of ``leg_extent`` with ``count`` rows for ground at a height above the sole [m]."""
+    """Row of ``leg_extent``, which has ``count`` rows, for ground at a height above the sole [m]."""
     return min(max(round(height / _LAYER), 1), count) - 1
 
 
 def _outline(body: pin.GeometryObject, place: pin.SE3) -> Matrix:
-    """Points x and z around a mesh, or around the box of another shape, at a place (n, 2) [m]."""
+    """Outline x, z (n, 2) [m] of a mesh, or of the bounding box of another shape, at a placement."""
     shape = body.geometry
     if isinstance(shape, BVHModelBase):
         vertices = shape.vertices()
@@ -55,7 +55,7 @@ def _outline(body: pin.GeometryObject, place: pin.SE3) -> Matrix:
         shape.computeLocalAABB()
         vertices = np.array([*product(*zip(shape.aabb_local.min_, shape.aabb_local.max_, strict=True))])
     points = (vertices @ place.rotation.T + place.translation)[:, [0, 2]]
-    points = np.ascontiguousarray(points[np.lexsort(points.T[::-1])])  # the hull is quick for sorted ones
+    points = np.ascontiguousarray(points[np.lexsort(points.T[::-1])])  # the hull is faster for sorted points
     hull = np.empty((2 * len(points), 2))
     corners = hull[: convex_hull(points, hull)]
     shares = np.linspace(0.0, 1.0, _SAMPLES, endpoint=False)[:, None, None]

@@ -1,4 +1,4 @@
-"""The ground around the robot: clouds and odometry in, elevation map and planar patches out."""
+"""Terrain mapper: elevation map and planar patches from point clouds and odometry."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ from planners.terrain.patches import Patch, find_patches
 
 @dataclass(frozen=True, slots=True)
 class Posture:
-    """Where the robot is and stands when a cloud is measured, by its own estimate."""
+    """Estimated state of the robot at the stamp of a cloud."""
 
     q: Vector  # configuration (nq,)
     contacts: tuple[bool, bool]  # whether each foot bears load
@@ -27,31 +27,31 @@ class Posture:
 class TerrainMapper:
     """Maps the ground relative to the stance foot.
 
-    Heights of ``map`` are above the sole of the stance foot, so that a drift of the odometry's height does not bend
-    the map: while a foot stands its sole is the reference, and the foot that lands next takes over with the height
-    between both soles, which follows from the joint angles. Places are those of the odometry.
+    Heights of ``map`` are relative to the sole of the stance foot, so that height drift of the odometry does not deform
+    the map. While a foot stands, its sole is the reference. The foot that lands next becomes the reference; the height
+    between both soles follows from the joint angles. Horizontal positions are those of the odometry.
 
-    What is seen may be too high or too low as a whole, from the mounting of a sensor for example. A Kalman filter
-    estimates that error, and shifts map and coming clouds: from the height of a sole that alone bears the robot above a
-    level part of the map below it; before the first of these, once, from that of both bearing soles above level ground
-    in front of them, since a standing robot does not see the ground below it.
+    Measured heights may have a common offset, for example from the mounting of a sensor. A Kalman filter estimates the
+    offset and shifts the map and later clouds. Its measurement is the height of a sole in single support above a level
+    part of the map below it. Before the first of these, once, level ground ahead of both loaded soles is used, since a
+    standing robot does not see the ground below it.
 
-    With ``given`` heights of the ground, what is not seen is taken from them. Their places are those of the odometry;
-    their heights count from that below the stance sole, so that no drift of the odometry's height matters.
+    With ``given`` heights, unmeasured cells are filled from them. Their positions are those of the odometry. Their
+    heights are relative to the given ground below the stance sole, so that height drift has no effect.
 
-    Points of the robot itself are left out, see ``BodyFilter``, and those outside of the sensor's range: drivers send
-    zeros for pixels without a measurement. ``update`` refuses a malformed cloud with a ``MessageError``.
+    Points on the robot itself are removed, see ``BodyFilter``, and points outside the range of the sensor: drivers send
+    zeros for pixels without a measurement. ``update`` raises ``MessageError`` for a malformed cloud.
 
     Attributes:
-        map: The grid.
-        t: Stamp up to which the feet are followed [s]; -inf before the first contact.
-        reference: Height of the reference sole in W [m], by the odometry; nan before the first contact.
-        bias: Added to the heights of every cloud, as soles show it [m].
-        residual: Last height of a sole above the map [m]; nan before the first.
-        covered: Whether the given heights have the ground below the stance sole.
+        map: The elevation map.
+        t: Stamp up to which the feet are tracked [s]; -inf before the first contact.
+        reference: Height of the reference sole in W [m], from the odometry; nan before the first contact.
+        bias: Estimated correction that is added to the heights of every cloud [m].
+        residual: Last measured height of a sole above the map [m]; nan before the first.
+        covered: Whether the given heights include the ground below the stance sole.
 
     Raises:
-        ConfigError: The robot's profile has neither depth camera nor lidar, and no heights are given.
+        ConfigError: The profile of the robot has neither depth camera nor lidar, and no heights are given.
     """
 
     def __init__(self, robot: RobotModel, config: TerrainMapConfig | None = None, given: Heights | None = None) -> None:
@@ -69,21 +69,21 @@ class TerrainMapper:
         self._compile()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Clear the map and all estimates."""
         self.map.clear()
         self.reference = self.residual = np.nan
         self._anchor: int | None = None
         self._swinging = False  # whether the other foot is in the air
-        self._checked = True  # whether the map was compared with the sole of the present reference
-        self.bias, self._variance = 0.0, self.config.feet.bias**2  # error of the clouds, and its variance [m, m^2]
+        self._checked = True  # whether the map was compared with the present reference sole
+        self.bias, self._variance = 0.0, self.config.feet.bias**2  # offset of the clouds, and its variance [m, m^2]
         self.t, self.covered = -np.inf, False
-        self._filled = self.map.origin  # of the map when it was last filled
+        self._filled = self.map.origin  # origin of the map when it was last filled
 
     def follow(self, t: float, posture: Posture) -> None:
-        """Follow the feet and age the map up to a stamp [s]; an earlier one than ``t`` is left out.
+        """Track the feet and age the map up to a stamp [s]; a stamp before ``t`` has no effect on them.
 
-        ``update`` does so for each cloud. Where clouds stay away for a while it is called every ``feet.period``: a foot
-        that stands again after a step that was not followed may stand one stair higher.
+        ``update`` calls this for each cloud. During longer gaps between clouds it must be called every ``feet.period``:
+        a foot that lands after an untracked step may stand one stair higher.
         """
         pin.framesForwardKinematics(self.robot.pin, self._data, posture.q)
         if t < self.t:
@@ -96,10 +96,10 @@ class TerrainMapper:
             self._fill(posture)
 
     def update(self, cloud: PointCloud, posture: Posture) -> int:
-        """Fuse a cloud, with the posture at its stamp; returns how many cells it measured.
+        """Fuse a cloud with the posture at its stamp; returns the number of measured cells.
 
-        Clouds of several sensors may come in any order: the feet are followed by those that are newest so far. One
-        before the first contact of a foot is left out.
+        Clouds of several sensors may arrive in any order; only those not older than ``t`` track the feet. Clouds before
+        the first contact of a foot are ignored.
         """
         check_cloud(cloud)
         sensor = self._sensors.get(cloud.frame)
@@ -121,27 +121,27 @@ class TerrainMapper:
         points[:, 2] += self.bias - self.reference
         eye = place.translation + np.array([0.0, 0.0, self.bias - self.reference])
         deviations = sensor.deviation(measured) * np.abs(rays[:, 2]) / measured
-        deviations = np.maximum(deviations, 0.1 * fusion.floor)  # a level ray has no error of its height
+        deviations = np.maximum(deviations, 0.1 * fusion.floor)  # a horizontal ray has no height error
         common = np.hypot(fusion.attitude * np.hypot(rays[:, 0], rays[:, 1]), sensor.scale * rays[:, 2])
         return self.map.fuse(cloud.t, points, deviations, common, eye)
 
     def ground(self) -> Heights:
-        """What is known of the ground, in W."""
+        """Known ground in W."""
         return self.map.heights(self.reference)
 
     def patches(self) -> list[Patch]:
-        """Planar patches, heights above the stance sole, inset by half the width of a sole."""
+        """Planar patches with heights above the stance sole, inset by half the width of a sole."""
         return find_patches(self.map, self.config.patches, self._inset)
 
     def _near(self, points: Matrix) -> np.ndarray:
-        """Whether points of W (n, 3) are in the map and not too far above or below the reference sole (n,)."""
+        """Whether points of W (n, 3) are in the map and within the height limits around the reference sole (n,)."""
         _, inside = self.map.index(points[:, :2])
         height = points[:, 2] - self.reference
         near: np.ndarray = inside & (height <= self.config.height_max) & (height >= -self.config.depth_max)
         return near
 
     def _follow_feet(self, posture: Posture) -> None:
-        """Change the reference to a foot that has landed, and compare the map with the soles."""
+        """Switch the reference to a foot that has landed, and compare the map with the soles."""
         soles = [self._data.oMf[foot.frame_id] for foot in self.robot.feet]
         contacts = posture.contacts
         if self._anchor is None:
@@ -164,12 +164,12 @@ class TerrainMapper:
         self._swinging = not contacts[1 - self._anchor]
 
     def _fill(self, posture: Posture) -> None:
-        """Take what is unknown from the given heights, if these are known below the stance sole."""
+        """Fill unknown cells from the given heights, if these include the ground below the stance sole."""
         if self._given is None or self._anchor is None or not posture.contacts[self._anchor]:
             return
         self.map.move_to(*posture.q[:2])
         if self.covered and (self.map.origin == self._filled).all():
-            return  # nothing has come in
+            return  # there are no new cells
         sole = self._data.oMf[self.robot.feet[self._anchor].frame_id]
         below = self._given.at(self._points_of(self._anchor, sole, *self.robot.feet[self._anchor].rectangle[:2])[:, :2])
         self.covered = bool(np.isfinite(below).any())
@@ -178,13 +178,13 @@ class TerrainMapper:
             self.map.fill(self._given, float(np.nanmedian(below)), self.config.given_deviation**2)
 
     def _heights(self, foot: int, sole: pin.SE3, x_min: float, x_max: float) -> Vector:
-        """Heights of a sole's plane above the map, from x_min to x_max [m] along it (n,) [m]; nan if not measured."""
+        """Heights (n,) [m] of a sole plane above the map, from x_min to x_max [m] along it; nan if not measured."""
         points = self._points_of(foot, sole, x_min, x_max)
         heights: Vector = points[:, 2] - self.reference - self.map.at(points[:, :2], measured=True)
         return heights
 
     def _points_of(self, foot: int, sole: pin.SE3, x_min: float, x_max: float) -> Matrix:
-        """Points of a sole's plane, from x_min to x_max [m] along it, in W (n, 3) [m]."""
+        """Points in W (n, 3) [m] on the plane of a sole, from x_min to x_max [m] along it."""
         _, _, y_min, y_max = self.robot.feet[foot].rectangle
         xs, ys = np.arange(x_min, x_max, self.map.cell), np.arange(y_min, y_max, self.map.cell)
         local = np.stack(np.meshgrid(xs, ys, 0.0, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -192,14 +192,14 @@ class TerrainMapper:
         return points
 
     def _compare_below(self, foot: int, sole: pin.SE3) -> None:
-        """Compare a sole with the map below it, where that is level."""
+        """Measure the height of a sole above the map below it, if that is level."""
         self._variance += self.config.feet.drift**2
         heights = self._heights(foot, sole, *self.robot.feet[foot].rectangle[:2])
         if not np.isnan(heights).any() and np.ptp(heights) <= 2.0 * self.config.patches.roughness:
             self._correct(float(np.median(heights)), self.config.feet.below)
 
     def _compare_ahead(self, soles: list[pin.SE3]) -> None:
-        """Compare both soles with the map in front of them, where that is level."""
+        """Measure the height of both soles above the map ahead of them, if that is level."""
         feet, toes = self.config.feet, [foot.rectangle[1] for foot in self.robot.feet]
         heights = np.concatenate(
             [self._heights(foot, soles[foot], toes[foot], toes[foot] + feet.distance) for foot in (0, 1)]
@@ -209,7 +209,7 @@ class TerrainMapper:
             self._correct(residual, feet.ahead)
 
     def _correct(self, residual: float, deviation: float) -> None:
-        """Shift map and coming clouds by a height of a sole above the map, with the standard deviation of that [m]."""
+        """Correct map and bias by a measured height of a sole above the map, with its standard deviation [m]."""
         self.residual = residual
         if abs(residual) <= self.config.feet.limit:
             gain = self._variance / (self._variance + deviation**2)
@@ -218,7 +218,7 @@ class TerrainMapper:
             self.bias += gain * residual
 
     def _compile(self) -> None:
-        """Run every kernel once: the first cloud must not wait for the compiler."""
+        """Run every kernel once, so that the first cloud does not wait for the compiler."""
         posture = Posture(self.robot.standing_configuration(), (True, True))
         self.follow(0.0, posture)
         if self._sensors:

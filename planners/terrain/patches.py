@@ -15,34 +15,34 @@ from planners.terrain.config import PatchConfig
 from planners.terrain.elevation_map import ElevationMap
 
 Cells = NDArray[np.int64]  #: Indices of cells in a map (k, 2)
-_CUTS = np.array([(1, 0), (0, 1), (1, 1), (1, -1)])  #: Normals of cuts
+_CUTS = np.array([(1, 0), (0, 1), (1, 1), (1, -1)])  #: Normals of the candidate cuts
 _NEIGHBOURS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1)])
 
 
 class Patch(Struct, frozen=True):
-    """A convex polygon of level or tilted ground."""
+    """Convex polygon of level or tilted ground."""
 
     normal: Vector  # unit vector, up (3,)
     vertices: Matrix  # counter-clockwise seen from above; z relative to the map's reference (k, 3) [m]
 
     @property
     def area(self) -> float:
-        """Seen from above [m^2]."""
+        """Area of the horizontal projection [m^2]."""
         return float(_area(self.vertices))
 
     def height(self, x: float, y: float) -> float:
-        """Height of the plane over a point [m]."""
+        """Height of the plane at a point [m]."""
         n, p = self.normal, self.vertices[0]
         return float(p[2] - (n[0] * (x - p[0]) + n[1] * (y - p[1])) / n[2])
 
 
 def find_patches(terrain: ElevationMap, config: PatchConfig, inset: float) -> list[Patch]:
-    """Convex polygons of planar ground, ``inset`` [m] from the edges of their patch and from unknown ground.
+    """Find convex polygons of planar ground, ``inset`` [m] from the edges of their patch and from unknown ground.
 
-    A cell is planar where a square of ``window`` cells deviates from its plane by at most ``roughness``. From the
-    smoothest cells on, a patch takes in neighbours whose normals and heights agree with its plane, and at its edge the
-    cells that are not planar but lie in its plane. It shrinks by the inset and is cut in two until no
-    cell in the convex hull of a part is more than ``slack`` cells beside it.
+    A cell is planar if the square of ``window`` cells around it deviates from its plane by at most ``roughness`` and is
+    at most as steep as ``slope``. Starting at the smoothest cells, a patch grows by neighbours whose normals and
+    heights agree with its plane, then by non-planar cells at its edge that lie in the plane. It is shrunk by the inset
+    and cut in two until no cell in the convex hull of a part is more than ``slack`` cells outside that part.
 
     References:
         Poppinga et al.: Fast plane detection and polygonalization in noisy 3D range images, IROS 2008 (growing).
@@ -64,7 +64,7 @@ def find_patches(terrain: ElevationMap, config: PatchConfig, inset: float) -> li
         if mask.sum() < least:
             continue
         corner = np.array([part.start for part in box])
-        # height over the middle of the corner cell
+        # plane[2] is the height at the centre of the corner cell
         plane = _plane(np.argwhere(mask).astype(np.float64) * cell, height[box][mask])
         grid = np.indices(mask.shape) * cell
         deviation = height[box] - (plane[0] * grid[0] + plane[1] * grid[1] + plane[2])
@@ -82,15 +82,15 @@ def find_patches(terrain: ElevationMap, config: PatchConfig, inset: float) -> li
 
 
 def _plane(places: Matrix, heights: Vector) -> Vector:
-    """Slopes along x and y, and height at the origin, of the plane through points: (3,)."""
+    """Least-squares plane through points: slopes along x and y, and height at the origin (3,)."""
     columns = np.column_stack([places, np.ones(len(places))])
     return np.array(np.linalg.lstsq(columns, heights, rcond=None)[0], dtype=np.float64)
 
 
 def _convex_parts(mask: NDArray[np.bool_], slack: int, most: int) -> Iterator[Matrix]:
-    """Corners of convex polygons (k, 2) in cells that cover a mask, no cell of which is farther beside it.
+    """Yield at most ``most`` convex polygons (k, 2) in cells that cover a mask and exceed it by ``slack`` at most.
 
-    A part is cut through the cell of its hull that is farthest beside it, in the direction that leaves the smallest
+    A part is cut through the cell of its hull that is farthest outside the part, in the direction with the smallest
     hulls on both sides; cells on the cut belong to both.
     """
     waiting, given = _components(np.argwhere(mask)), 0
@@ -116,7 +116,7 @@ def _convex_parts(mask: NDArray[np.bool_], slack: int, most: int) -> Iterator[Ma
 
 
 def _components(cells: Cells) -> list[Cells]:
-    """Connected parts of cells (n, 2)."""
+    """Connected components of cells (n, 2)."""
     if not len(cells):
         return []
     low = cells.min(axis=0)
@@ -128,14 +128,14 @@ def _components(cells: Cells) -> list[Cells]:
 
 @njit(cache=True)
 def _hull(cells: Cells) -> Cells:
-    """Corners of the convex hull of cells (n, 2), counter-clockwise (k, 2)."""
+    """Corners (k, 2) of the convex hull of cells (n, 2), counter-clockwise."""
     hull = np.empty((2 * len(cells) + 1, 2), dtype=np.int64)
     return hull[: convex_hull(cells, hull)].copy()
 
 
 @njit(cache=True)
 def _area(polygon: Matrix) -> float:
-    """Area of a counter-clockwise polygon, by the first two coordinates of its corners (k, 2 or 3)."""
+    """Area of the horizontal projection of a counter-clockwise polygon with corners (k, 2 or 3)."""
     area = 0.0
     for k in range(len(polygon)):
         a, b = polygon[k - 1], polygon[k]
@@ -145,7 +145,7 @@ def _area(polygon: Matrix) -> float:
 
 @njit(cache=True)
 def _inside(hull: Cells, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Cells within a convex polygon with counter-clockwise corners (k, 2), its edge included."""
+    """Whether cells are within a convex polygon with counter-clockwise corners (k, 2), edge included."""
     inside = np.ones(shape, dtype=np.bool_)
     for k in range(len(hull)):
         a, b = hull[k], hull[(k + 1) % len(hull)]
@@ -158,7 +158,7 @@ def _inside(hull: Cells, shape: tuple[int, int]) -> NDArray[np.bool_]:
 
 @njit(cache=True)
 def _fit_planes(height: Matrix, window: int, cell: float) -> tuple[NDArray[np.float64], Matrix]:
-    """Slopes along x and y (n, n, 2) and RMS deviation (n, n) of the square around each cell; nan where one is unknown.
+    """Slopes along x and y (n, n, 2) and RMS deviation (n, n) of the square around each cell; nan if any is unknown.
 
     Over a full square the coordinates are uncorrelated, so each slope follows from one sum.
     """
@@ -197,9 +197,9 @@ def _grow(
     thickness: float,
     cell: float,
 ) -> NDArray[np.int64]:
-    """Number of the patch of each cell, from 1; 0 for none (n, n). ``bend`` is the cosine of the largest angle.
+    """Patch number of each cell, from 1; 0 for none (n, n). ``bend`` is the cosine of the largest angle.
 
-    The plane of a patch is at first that of its seed, and fitted again to its cells whenever these have doubled.
+    A patch starts with the plane of its seed, which is fitted again whenever the number of cells has doubled.
     """
     size = len(height)
     labels = np.zeros((size, size), dtype=np.int64)
@@ -239,7 +239,7 @@ def _grow(
 
 @njit(cache=True)
 def _fit_cells(height: Matrix, cells: NDArray[np.int64], i: int, j: int, cell: float) -> tuple[float, float, float]:
-    """Height over the cell (i, j) and slopes along x and y of the plane through cells."""
+    """Least-squares plane through cells: height at the cell (i, j), and slopes along x and y."""
     size, normal, right = len(height), np.zeros((3, 3)), np.zeros(3)
     row = np.ones(3)
     for k in cells:
@@ -250,6 +250,6 @@ def _fit_cells(height: Matrix, cells: NDArray[np.int64], i: int, j: int, cell: f
             for n in range(3):
                 normal[m, n] += row[m] * row[n]
     for m in range(3):
-        normal[m, m] += 1e-9  # cells on one line have no slope across it
+        normal[m, m] += 1e-9  # regularisation: cells on one line have no slope across it
     plane = np.linalg.solve(normal, right)
     return plane[0], plane[1], plane[2]

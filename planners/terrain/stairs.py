@@ -14,42 +14,42 @@ from planners.gait.footsteps import LEFT, Foothold, side_of
 from planners.gait.route import Footstep
 from planners.gait.tread import Tread
 
-_FEW = 1e-6  #: Rounding of a number of stations [-]
+_FEW = 1e-6  #: Rounding tolerance of the number of stations [-]
 
 
 class Stairs(Struct, frozen=True):
-    """A straight flight up, a landing, and as many steps down again, across the heading of a robot in front of it."""
+    """Straight stairs ahead of a robot that faces them: a flight up, a landing, and as many steps down."""
 
-    ahead: float  #: First riser from the middle between the soles' frames [m]
-    rise: float  #: Of each step, negative down first [m]
-    tread: float  #: Depth of a step [m]
-    count: int  #: Risers up
-    landing: float  #: Depth of the upper level [m]
-    width: float  #: Of the flight, the robot in its middle [m]
+    ahead: float  #: Distance from the middle between the sole frames to the first riser [m]
+    rise: float  #: Height of each step [m]; negative if the first flight goes down
+    tread: float  #: Depth of a tread [m]
+    count: int  #: Number of risers up
+    landing: float  #: Depth of the landing [m]
+    width: float  #: Width of the stairs [m]; the robot is at their middle
 
 
 class Station(NamedTuple):
-    """Place of a sole on the way over stairs."""
+    """Position of a sole on the way over stairs."""
 
-    way: float  #: From the start [m]
-    height: float  #: Above it [m]
-    room: tuple[float, float] | None = None  #: Backward and forward to where an edge is too near [m]; None: no edge
+    way: float  #: Distance from the start [m]
+    height: float  #: Height above the start [m]
+    room: tuple[float, float] | None = None  #: Room backward and forward up to the edge margin [m]; None: no edge
 
 
 def stair_stations(stairs: Stairs, heel: float, toe: float, stride: float, edge: float) -> list[Station]:
-    """Places of a sole on its way over stairs.
+    """Positions of a sole on its way over stairs.
 
-    ``heel`` and ``toe`` are how far the sole reaches behind and ahead of its frame [m]. On every tread, and on the
-    levels before and after it, the sole is ``edge`` [m] from the edge of the tread, and so as far from the riser as it
-    can be, which knee, shin and heel might touch. On the levels, places are at most ``stride`` apart [m]. Raises
-    ``UnreachableError`` when a tread is too short.
+    ``heel`` and ``toe`` are the extents of the sole behind and ahead of its frame [m]. On every tread, and next to the
+    stairs on both levels, the sole is ``edge`` [m] from the edge of the tread. This is the largest distance from the
+    riser, which knee, shin or heel might touch. On the levels, positions are at most ``stride`` [m] apart. Raises
+    ``UnreachableError`` if a tread is too short.
     """
     spare = stairs.tread - heel - toe - 2.0 * edge
     if spare < 0.0:
         raise UnreachableError(
             f"treads of {stairs.tread:.3f} m: at least {heel + toe + 2.0 * edge:.3f} m for this robot's sole"
         )
-    wall = edge + spare  # from the sole to the riser
+    wall = edge + spare  # distance from the sole to the riser
     sides = ((edge, wall), (wall, edge)) if stairs.rise > 0.0 else ((wall, edge), (edge, wall))
     end = stairs.ahead + (stairs.count - 1) * stairs.tread + stairs.landing
     stations: list[Station] = []
@@ -66,7 +66,7 @@ def stair_stations(stairs: Stairs, heel: float, toe: float, stride: float, edge:
 
 
 def _spread(begin: float, end: float, stride: float) -> list[float]:
-    """Places between two, evenly and at most ``stride`` apart [m]."""
+    """Evenly spaced positions between ``begin`` and ``end``, at most ``stride`` apart [m]."""
     parts = math.ceil((end - begin) / stride - _FEW)
     return [begin + (end - begin) * i / parts for i in range(1, parts)]
 
@@ -80,11 +80,11 @@ def stair_footsteps(
     stride: float = 0.25,
     together: bool = True,
 ) -> list[Footstep]:
-    """Footsteps of a robot that stands at ``start``, the pose between its soles, over stairs ahead of it.
+    """Footsteps over stairs ahead of a robot that stands at ``start``, the pose between its soles.
 
-    ``together`` puts both feet on every tread, one after the other; else each foot goes from one tread to the next but
-    one. A sole may move on its tread as far as ``swing.edge`` from its edges. Raises ``UnreachableError`` when a tread
-    is too short or too narrow.
+    With ``together``, both feet step on every tread, one after the other; otherwise each foot steps on every second
+    tread. A sole may move on its tread up to ``swing.edge`` from front and rear edge, and sideways up to the side of
+    the stairs. Raises ``UnreachableError`` if a tread is too short or too narrow.
     """
     width, edge = config.reach.width, config.swing.edge
     heel, toe = -model.feet[LEFT].rectangle[0], model.feet[LEFT].rectangle[1]

@@ -1,4 +1,4 @@
-"""Where on a lattice of places a sole lies on measured ground, with what room, and how near to higher ground."""
+"""Survey of a lattice of places: whether a sole fits on measured ground, its room, and nearby higher ground."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from planners.terrain.elevation_map import Heights
 from planners.terrain.ground_config import SoleConfig
 from planners.terrain.leg_extent import layer_at, leg_extent
 
-GRID = (0.01, 0.02)  #: Between two places, along and across a line [m]
-_POINTS = 0.02  #: Between the points of that ground, at most [m]
+GRID = (0.01, 0.02)  #: Spacing of places along and across a line [m]
+_POINTS = 0.02  #: Largest spacing of the points that a plane is fitted to [m]
 
 
 class _Lattice(NamedTuple):
@@ -28,33 +28,33 @@ class _Lattice(NamedTuple):
     corner: tuple[float, float]
     cell: float
     line: tuple[float, float, float, float]  #: x and y of the start in W [m], cosine and sine of the heading
-    ways: Vector  #: Along it (n,) [m]
-    sides: Vector  #: Across it, left positive (m,) [m]
+    ways: Vector  #: Positions along the line (n,) [m]
+    sides: Vector  #: Positions across the line, left positive (m,) [m]
 
 
 class Survey(NamedTuple):
     """Ground under a sole at each place of a lattice (n, m)."""
 
-    #: 1: it lies on a plane; 2: on rough ground, where it may only be moved to; 0: on none, or the leg is in higher
-    #: ground; -1: some is not known
+    #: 1: the sole fits; 2: the ground is rough, and the sole may only be moved there; 0: it does not fit, or the leg is
+    #: in higher ground; -1: some of the ground is unknown
     fits: NDArray[np.int8]
-    height: Matrix  #: Of that plane in the middle [m]
-    along: Matrix  #: Its slope along the line [-]
-    across: Matrix  #: and across [-]
-    low: Matrix  #: Lowest and
-    high: Matrix  #: highest of what is known [m]
-    room: Matrix  #: By which the sole may move on the same ground: back, forward, right, left (n, m, 4) [m]
-    wall: Matrix  #: Share of ``SoleConfig.wall`` by which higher ground is nearer to the leg [-]
-    top: Matrix  #: Highest of what is known across the way of the middle of the sole; -inf where nothing is [m]
+    height: Matrix  #: Height of the fitted plane at the place [m]
+    along: Matrix  #: Slope of the plane along the line [-]
+    across: Matrix  #: Slope of the plane across the line [-]
+    low: Matrix  #: Lowest known height [m]
+    high: Matrix  #: Highest known height [m]
+    room: Matrix  #: Distance that the sole may move on the same ground: back, forward, right, left (n, m, 4) [m]
+    wall: Matrix  #: Proximity of higher ground to the leg: 0 from ``SoleConfig.wall`` on, 1 at contact [-]
+    top: Matrix  #: Highest known ground across the width of the sole at the place; -inf if unknown [m]
 
 
 class SoleSurvey:
-    """Fits planes to the ground under a sole, ``swing.edge`` around its ends and beside it.
+    """Fits planes to the ground under a sole, extended by ``swing.edge`` at its ends and ``beside`` at its sides.
 
     A sole does not fit where its leg would be in higher ground, see ``leg_extent``.
 
     Attributes:
-        points: Places of that ground in the frame of the sole (k, 2) [m].
+        points: Sample points of this ground in the frame of the sole (k, 2) [m].
     """
 
     def __init__(self, robot: RobotModel, config: GaitConfig, sole: SoleConfig) -> None:
@@ -69,7 +69,7 @@ class SoleSurvey:
     def survey(self, ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> Survey:
         """Survey places at ``ways`` along a line (n,) and ``sides`` across it (m,), ``GRID`` apart [m]."""
         sole = self._sole
-        more = round(sole.along / GRID[0])  # places beyond, for the room of the first and last
+        more = round(sole.along / GRID[0])  # extra places, for the room of the first and last
         beyond = GRID[0] * np.arange(1, more + 1)
         longer = np.concatenate([ways[0] - beyond[::-1], ways, ways[-1] + beyond])
         heading = line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)
@@ -84,28 +84,28 @@ class SoleSurvey:
         return Survey(*(np.ascontiguousarray(layer[more:-more]) for layer in layers))
 
     def height_under(self, ground: Heights, hold: Foothold) -> float:
-        """Height of the plane on which a sole at ``hold`` lies [m]; nan where it lies on none."""
+        """Height of the plane under a sole at ``hold`` [m]; nan if the sole does not fit."""
         heading = hold.x, hold.y, math.cos(hold.yaw), math.sin(hold.yaw)
         grid = _Lattice(*ground, heading, np.zeros(1), np.zeros(1))
         fits, planes, _ = _fit_planes(grid, self.points, self._inverse, (self._sole.flat, self._sole.rough))
         return float(planes[0, 0, 2]) if fits[0, 0] == 1 else math.nan
 
     def leg_in_ground(self, ground: Heights, hold: Foothold) -> float:
-        """How deep the leg over a sole at ``hold`` is in ground ahead of it or behind [m]; negative before that."""
+        """Depth of the leg over a sole at ``hold`` in ground ahead or behind [m]; negative without contact."""
         here = self.survey(ground, hold, np.zeros(1), np.zeros(1))
         return float(here.wall[0, 0] - 1.0) * self._sole.wall
 
 
 @njit(cache=True, forceinline=True)
 def _cell_of(x: float, x_min: float, cell: float, count: int) -> int:
-    """Cell of a coordinate along an axis; -1 outside. Of numbers alone: an array as argument takes twice as long."""
+    """Cell of a coordinate along an axis; -1 outside. Takes scalars: an array argument takes twice as long."""
     k = math.floor((x - x_min) / cell)
     return k if 0 <= k < count else -1
 
 
 @njit(cache=True, forceinline=True)
 def _height_at(grid: _Lattice, along: float, across: float) -> float:
-    """Height at a place along and across the line; nan where it is not known."""
+    """Height at a place along and across the line; nan if unknown."""
     heights, (x_min, y_min), (x0, y0, c, s) = grid.heights, grid.corner, grid.line
     i = _cell_of(x0 + c * along - s * across, x_min, grid.cell, heights.shape[0])
     j = _cell_of(y0 + s * along + c * across, y_min, grid.cell, heights.shape[1])
@@ -114,7 +114,7 @@ def _height_at(grid: _Lattice, along: float, across: float) -> float:
 
 @njit(cache=True)
 def _tops(grid: _Lattice, points: Vector) -> Matrix:
-    """Highest known ground across the line at points beside each place (k,) [m]; -inf where none is known."""
+    """Highest known ground at points (k,) [m] across from each place; -inf if unknown."""
     top = np.full((len(grid.ways), len(grid.sides)), -np.inf)
     for i in range(len(grid.ways)):
         for j in range(len(grid.sides)):
@@ -132,7 +132,7 @@ def _fit_planes(
     inverse: Matrix,
     flat: tuple[float, float],
 ) -> tuple[NDArray[np.int8], Matrix, Matrix]:
-    """Planes through the ground at points (k, 2) around each place; see ``Survey``."""
+    """Fit planes to the ground at points (k, 2) around each place: fits, planes, bounds of height; see ``Survey``."""
     shape, found = (len(grid.ways), len(grid.sides)), np.empty(len(points))
     fits, planes, bounds = np.zeros(shape, np.int8), np.zeros((*shape, 3)), np.empty((*shape, 2))
     heights, (x_min, y_min), cell, (x0, y0, c, s) = grid.heights, grid.corner, grid.cell, grid.line
@@ -174,13 +174,13 @@ def _fit_planes(
 
 @njit(cache=True)
 def _rooms(fits: NDArray[np.int8], height: Matrix, steps: tuple[int, int], same: float) -> Matrix:
-    """Steps of the lattice, up to these along and across, by which a sole may move: back, forward, right, left.
+    """Lattice steps, at most ``steps`` along and across, by which a sole may move: back, forward, right, left.
 
-    On all places in between it fits, across also on rough ground, and neighbours differ by less than ``same`` in
-    height; across, they have the same room along, up to a step.
+    The sole fits at all places in between (across, also on rough ground), and neighbours differ by at most ``same`` in
+    height. Places across have at least the same room along, up to one step.
     """
     rooms = np.zeros((*fits.shape, 4))
-    for way in range(2):  # across needs what is along
+    for way in range(2):  # the room across depends on the room along
         for i in range(fits.shape[0]):
             for j in range(fits.shape[1]):
                 if fits[i, j] <= 0:
@@ -214,9 +214,9 @@ def _walls(
     higher: float,
     reach: float,
 ) -> Matrix:
-    """Share of ``reach`` [m] by which ground ``higher`` than the middle line of a sole [m] is nearer to its leg.
+    """Proximity of ground that is ``higher`` than the plane of a sole [m] to its leg: 0 at ``reach`` [m], 1 at contact.
 
-    More than 1 where higher ground at any of the points ``across`` the sole (k,) [m] is within the leg.
+    Beside the middle line, at the points ``across`` the sole (k,) [m], ground only counts within the leg (above 1).
     """
     wall, nearest = np.zeros(fits.shape), leg[0]
     for i in range(len(grid.ways)):
