@@ -1,4 +1,4 @@
-"""Routes: footsteps to a pose or as listed, their validation, and the remaining steps of one."""
+"""Routes: footsteps to a pose or from a list, their validation, and the remaining steps of a route."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from planners.gait.footsteps import (
 from planners.gait.tread import Tread, clearance_over, crouch_between, swing_time
 
 SLACK = 1e-6  #: Tolerance of the limits for rounding [m, rad]
-_ANY_ROOM = (math.inf,) * 4  #: Of a tread without bounds, among numbers [m]
+_ANY_ROOM = (math.inf,) * 4  #: Room of a tread without bounds in ``Footstep.values`` [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Footstep:
-    """One step of a plan: ``foot`` (0 left, 1 right) is put down at ``hold``, whose height counts with a ``tread``.
+    """One step of a plan: ``foot`` (0 left, 1 right) is placed at ``hold``, whose height is used only with a ``tread``.
 
     ``route_over`` sets ``time``, the least nominal single support [s].
     """
@@ -47,23 +47,23 @@ class Footstep:
             raise ValueError(f"foot {self.foot} of a footstep is neither {LEFT} (left) nor {RIGHT} (right)")
 
     def raised(self, height: float) -> Footstep:
-        """The step with its foothold higher [m]."""
+        """The step with its foothold raised by ``height`` [m]."""
         return replace(self, hold=structs.replace(self.hold, z=self.hold.z + height))
 
     @property
     def values(self) -> list[float]:
-        """The step as numbers: foot, foothold, and of a tread slope, room and ``over``; see ``footstep_of``."""
+        """Foot and foothold as numbers, with slope, room and ``over`` of a tread; inverse of ``footstep_of``."""
         known = self.tread
         tread = () if known is None else (*known.slope, *(known.room or _ANY_ROOM), known.over)
         return [self.foot, *structs.astuple(self.hold), *tread]
 
     @property
     def over(self) -> float:
-        """See ``Tread``; 0 where the ground is felt [m]."""
+        """``Tread.over``; 0 where the ground is felt [m]."""
         return 0.0 if self.tread is None else self.tread.over
 
     def kept(self, hold: Foothold) -> Foothold:
-        """The foothold inside the room of the tread that is nearest to ``hold``."""
+        """The foothold nearest to ``hold`` within the room of the tread."""
         if self.tread is None or self.tread.room is None:
             return hold
         (x, y), (back, forward, right, left) = self.hold.relative(hold.x, hold.y), self.tread.room
@@ -72,7 +72,7 @@ class Footstep:
 
 
 def footstep_of(foot: float, x: float, y: float, yaw: float, z: float, *tread: float) -> Footstep:
-    """Step of its ``values``."""
+    """Footstep from its ``values``."""
     known = None
     if tread:
         rise_x, rise_y, back, forward, right, left, over = tread
@@ -81,7 +81,7 @@ def footstep_of(foot: float, x: float, y: float, yaw: float, z: float, *tread: f
 
 
 def soles_at(pose: Foothold, width: float) -> tuple[Foothold, Foothold]:
-    """Both soles of a robot that stands at a pose, with a distance between them [m]."""
+    """Both soles of a robot that stands at a pose, ``width`` apart [m]."""
     left, right = (Foothold(*pose.moved(0.0, side * 0.5 * width), pose.yaw, pose.z) for side in (1.0, -1.0))
     return left, right
 
@@ -89,11 +89,11 @@ def soles_at(pose: Foothold, width: float) -> tuple[Foothold, Foothold]:
 def plan_to_pose(
     goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: int | None = None
 ) -> list[Footstep]:
-    """Footsteps from the present soles to soles side by side at a pose; empty when already there.
+    """Footsteps from the present soles to soles side by side at a pose; empty if already there.
 
     Each step follows the quickest of three ways: translate and then turn, turn and then translate, or face the goal,
-    walk there and turn. ``foot`` steps first; None chooses the one on the side of the motion. Raises ``CommandError``
-    when the goal is not finite, ``UnreachableError`` when it would take too many steps.
+    walk there and turn. ``foot`` steps first; None: the foot on the side of the motion. Raises ``CommandError`` if the
+    goal is not finite, ``UnreachableError`` if it is too far away or takes too many steps.
     """
     if not all(math.isfinite(value) for value in (goal.x, goal.y, goal.yaw)):
         raise CommandError(f"goal ({goal.x}, {goal.y}, {goal.yaw}) refused: not finite")
@@ -109,7 +109,7 @@ def plan_to_pose(
 
 
 def touchdown_times(count: int, config: GaitConfig) -> list[float]:
-    """Touchdowns of an undisturbed walk, t_k = t_start + k t_single + (k - 1) t_double, from its start [s]."""
+    """Touchdown times of an undisturbed walk from its start, t_k = t_start + k t_single + (k - 1) t_double [s]."""
     first = config.timing.start + config.pace.between(config.route.pace, "single")
     return [first + k * config.period for k in range(count)]
 
@@ -140,7 +140,7 @@ def _arrived(soles: Sequence[Foothold], goal: Foothold, config: GaitConfig) -> b
 
 
 def _step_towards(goal: Foothold, end: Foothold, stance: Foothold, foot: int, config: GaitConfig) -> Foothold:
-    """The next foothold of a foot: its last one, if one step gets there, else one towards it."""
+    """The next foothold of a foot: ``end`` if it is within one step, otherwise a foothold towards it."""
     side, period, route = side_of(foot), config.period, config.route
     centre = Foothold(*stance.moved(0.0, side * 0.5 * config.reach.width), stance.yaw, stance.z)
     x, y = centre.relative(goal.x, goal.y)
@@ -152,7 +152,7 @@ def _step_towards(goal: Foothold, end: Foothold, stance: Foothold, foot: int, co
 
 
 def velocity_towards(goal: Foothold, centre: Foothold, side: float, config: GaitConfig) -> Velocity:
-    """Velocity of the next step of the quickest way, slow enough that equal steps end where the way ends.
+    """Velocity of the next step of the quickest way, reduced so that equal steps end where the way ends.
 
     ``centre`` is the pose of the body. ``side`` (+1 or -1) is the direction of a turn by exactly half a turn, so that
     mirrored goals give mirrored steps.
@@ -182,18 +182,18 @@ def velocity_towards(goal: Foothold, centre: Foothold, side: float, config: Gait
 
 
 def _equal(way: float, speed: float, period: float) -> float:
-    """Speed, at most the given one, at which a whole number of steps makes the way."""
+    """Largest speed up to ``speed`` at which a whole number of steps covers the way."""
     return way / (max(math.ceil(abs(way) / (speed * period) - SLACK), 1) * period)
 
 
 def _signed(angle: float, side: float) -> float:
-    """The angle in (-pi, pi); half a turn goes round by the given side."""
+    """The angle in [-pi, pi]; half a turn has the sign of ``side``."""
     wrapped = wrap(angle)
     return side * math.pi if abs(wrapped) > math.pi - SLACK else wrapped
 
 
 def check_footsteps(steps: Sequence[Footstep], soles: Sequence[Foothold], config: GaitConfig) -> None:
-    """``CommandError`` or ``UnreachableError`` for footsteps that cannot be taken from the left and right sole."""
+    """Raise ``CommandError`` or ``UnreachableError`` for footsteps that are impossible from the left and right sole."""
     if not 0 < len(steps) <= config.route.steps_max:
         raise CommandError(f"{len(steps)} footsteps refused: 1 to {config.route.steps_max} can be taken")
     feet = list(soles)
@@ -215,7 +215,7 @@ def check_footsteps(steps: Sequence[Footstep], soles: Sequence[Foothold], config
 
 
 def _out_of_reach(stance: Foothold, foot: int, hold: Foothold, config: GaitConfig) -> str | None:
-    """Why a foot cannot be put there; None if it can."""
+    """Reason why a foot cannot be placed there; None if it can."""
     reach, other = config.reach, f"the {FOOT_NAMES[1 - foot]} sole"
     side = side_of(foot)
     forward, left = stance.relative(hold.x, hold.y)
@@ -236,9 +236,9 @@ def _out_of_reach(stance: Foothold, foot: int, hold: Foothold, config: GaitConfi
 
 
 def _too_steep(stance: Foothold, foot: int, hold: Foothold, tread: Tread | None, config: GaitConfig) -> str | None:
-    """Why a foot cannot be put down at this height and tilt; None if it can."""
+    """Reason why a foot cannot be placed at this height and tilt; None if it can."""
     rise, most = hold.z - stance.z, config.reach.rise
-    if not abs(rise) <= most + SLACK:  # neither is that of a NaN
+    if not abs(rise) <= most + SLACK:  # also refuses a NaN
         way = "above" if rise > 0.0 else "below"
         return f"{abs(rise):.3f} m {way} the {FOOT_NAMES[1 - foot]} sole, at most {most:.3f} m"
     if tread is not None and not 0.0 <= tread.over <= most:
@@ -250,7 +250,7 @@ def _too_steep(stance: Foothold, foot: int, hold: Foothold, tread: Tread | None,
 
 
 def _too_fast(before: Foothold, after: Foothold, config: GaitConfig) -> str | None:
-    """Why the body cannot move so far in one step; None if it can."""
+    """Reason why the body cannot move that far in one step; None if it can."""
     limits, period = config.velocity, config.period
     forward, left = before.relative(after.x, after.y)
     ahead = limits.forward if forward >= 0.0 else limits.backward
@@ -267,26 +267,26 @@ def _too_fast(before: Foothold, after: Foothold, config: GaitConfig) -> str | No
 class Route(Struct, frozen=True):
     """Remaining footsteps of a walk to a goal, or of listed footsteps.
 
-    They are fixed in W: the next steps correct what one step misses, after a push or a slip, as far as the reach
-    allows. A route to a goal is planned anew when a foot lands farther than ``offset_max`` from its place, or the other
-    foot has to step to keep the balance, which ends listed footsteps; it is given up when it has taken ``steps_more``
-    footsteps more than twice those of the first plan.
+    They are fixed in W: after a push or a slip, the next steps correct the landing error of a step as far as the reach
+    allows. A route to a goal is planned again if a foot lands farther than ``offset_max`` from its foothold, or if the
+    other foot must step to keep the balance, which ends listed footsteps. If feet still miss their footholds after
+    ``steps_more`` footsteps more than twice those of the first plan, the route is aborted.
     """
 
     steps: tuple[Footstep, ...] = ()  # empty without a route
     goal: Foothold | None = None  # pose of the middle between the soles at the end; None for listed footsteps
-    outcome: str = ""  # why the last route ended, ``done`` after all its steps; empty before and meanwhile
-    crouch: float = 0.0  # by which known heights and long steps lower the body, see ``crouch_between`` [m]
-    patience: int = 0  # touchdowns after which it is not planned anew
+    outcome: str = ""  # why the last route ended, ``done`` after all its steps; empty until then
+    crouch: float = 0.0  # descent of the body for known heights and long steps, see ``crouch_between`` [m]
+    patience: int = 0  # touchdowns after which a miss ends the route
 
     @property
     def left(self) -> int:
-        """Touchdowns until it ends; 0 without a route."""
+        """Number of remaining touchdowns; 0 without a route."""
         return len(self.steps)
 
     @property
     def swing(self) -> float:
-        """Least nominal single support of the next step, by the known height that a foot is lifted over [s]."""
+        """Least nominal single support of the next step, for the known height of its swing [s]."""
         return self.steps[0].time if self.steps else 0.0
 
     @property
@@ -296,17 +296,17 @@ class Route(Struct, frozen=True):
 
     @property
     def foot(self) -> int:
-        """The foot that steps next, while there is a route."""
+        """Foot that steps next; there must be a route."""
         return self.steps[0].foot
 
     def ended(self, reason: str) -> Route:
-        """Without the remaining steps."""
+        """The route without its remaining steps."""
         return structs.replace(self, steps=(), outcome=reason) if self.steps else self
 
     def ahead(self, stance: Foothold, count: int, limits: StepLimits, level: float = 0.0) -> list[Foothold]:
-        """At most ``count`` next footholds, alternating feet, each brought into reach of the one before.
+        """At most ``count`` next footholds of alternating feet, each clamped to the reach from the one before.
 
-        ``level`` is the known height of the ``stance``, on the scale of those of the steps [m].
+        ``level`` is the known height of the ``stance``, with the same zero as the heights of the steps [m].
         """
         holds: list[Foothold] = []
         base = stance.z - level
@@ -318,7 +318,7 @@ class Route(Struct, frozen=True):
         return holds
 
     def landed(self, soles: Sequence[Foothold], config: GaitConfig) -> Route:
-        """After the next step, with the soles there now."""
+        """The route after its next step, with the present soles."""
         step, steps = self.steps[0], self.steps[1:]
         outcome = self.outcome if steps or self.outcome else "done"
         after = structs.replace(self, steps=steps, outcome=outcome, patience=self.patience - 1)
@@ -332,7 +332,7 @@ class Route(Struct, frozen=True):
         return structs.replace(after, steps=(), outcome=reason)
 
     def planned_anew(self, foot: int, soles: Sequence[Foothold], config: GaitConfig) -> Route:
-        """To the goal from these soles, with the given foot first; ended where there is no way or no goal."""
+        """The route planned again from these soles to its goal, ``foot`` first; ended if there is no way or no goal."""
         steps: tuple[Footstep, ...] = ()
         outcome = f"the {FOOT_NAMES[foot]} foot had to step first to keep the balance"
         if self.goal is not None:
@@ -345,12 +345,12 @@ class Route(Struct, frozen=True):
 
 
 def route_of(steps: Sequence[Footstep], goal: Foothold | None = None, steps_more: int = 0) -> Route:
-    """A new route; ``steps_more`` is for one to a goal."""
+    """A new route; ``steps_more`` applies to a route to a goal."""
     return Route(tuple(steps), goal, "" if steps else "done", patience=2 * len(steps) + steps_more)
 
 
 def soles_after(steps: Sequence[Footstep], soles: Sequence[Foothold], datum: float) -> Feet:
-    """Left and right sole after steps of a route, whose known heights count from ``datum`` [m]."""
+    """Left and right sole after steps of a route, whose known heights are relative to ``datum`` [m]."""
     feet = list(soles)
     for step in steps:
         height = feet[1 - step.foot].z if step.tread is None else step.hold.z + datum
@@ -362,10 +362,10 @@ def soles_after(steps: Sequence[Footstep], soles: Sequence[Foothold], datum: flo
 def route_over(
     steps: Sequence[Footstep], soles: Sequence[Foothold], datum: float, config: GaitConfig, kept: int = 0
 ) -> Route:
-    """A new route over listed footsteps from the left and right sole; known heights count from ``datum`` [m].
+    """A new route of listed footsteps from the left and right sole; its known heights are relative to ``datum`` [m].
 
-    They take as long as the slowest of them, at most ``single_max``; the first ones, that are ``kept`` from the last
-    route, as long as there.
+    All steps take as long as the slowest one, at most ``single_max``. The first ``kept`` steps are those of the last
+    route and keep their time.
     """
     feet, crouch, least, swing = list(soles), 0.0, 0.0, config.swing
     level = config.pace.between(config.route.pace, "clearance")
@@ -378,7 +378,7 @@ def route_over(
             rise = hold.z - before.z
         clearance = clearance_over(rise, level, swing.edge_clearance, step.over)
         least = max(least, swing_time(rise, clearance, swing.apex, swing.lift_acceleration))
-        if step.over:  # it only goes on while it is above that
+        if step.over:  # the foot moves ahead only while it is above the obstacle
             least = config.timing.single_max
     timed = [
         step if i < kept else replace(step, time=min(least, config.timing.single_max)) for i, step in enumerate(steps)

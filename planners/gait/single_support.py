@@ -1,4 +1,4 @@
-"""Single support: foothold and time, swing foot and DCM reference of the step under way."""
+"""Single support: foothold and time, swing foot and DCM reference of the present step."""
 
 import numpy as np
 from msgspec import structs
@@ -19,16 +19,16 @@ from planners.gait.swing import SwingFoot
 
 
 def walk_of(gait: GaitState, liftoff: Foothold) -> Walk:
-    """The walk at the coming or present step, whose swing foot leaves a foothold."""
+    """The walk at the next or present step; the swing foot lifts off from ``liftoff``."""
     soles, stance = gait.soles, gait.stance
     hold, urgent = soles.holds[stance], gait.step.urgent
     return Walk(hold, 1 - stance, liftoff, gait.command, gait.pace, gait.omega, urgent, soles.levels, soles.landing)
 
 
 class SingleSupport:
-    """Carries out the step under way; ``GaitPlanner`` decides when it begins and ends.
+    """Executes the present step; ``GaitPlanner`` decides when it begins and ends.
 
-    ``edges`` are those about which soles turn, of ``Footing``. Methods replace parts of the ``GaitState``.
+    ``edges`` are the edges of ``Footing`` about which soles turn. Methods replace parts of the ``GaitState``.
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig, soles: Soles, edges: SoleEdges) -> None:
@@ -44,7 +44,7 @@ class SingleSupport:
         return gait.dcm_error > self._config.adjustment.urgent
 
     def lift(self, gait: GaitState, toe_off: ToeOff) -> None:
-        """The swing foot leaves the floor at its measured place, from its edge as it turns."""
+        """Lift the swing foot off at its measured pose, with the rotation ``toe_off`` about its edge."""
         foot, single = 1 - gait.stance, gait.single
         sole = gait.measured.soles[foot]
         pose = np.array([sole.x, sole.y, sole.z, sole.yaw])
@@ -98,14 +98,14 @@ class SingleSupport:
         return cmp_offset
 
     def lands(self, gait: GaitState) -> bool:
-        """Whether ground under the swing foot bears load, ``landing_from`` of the step after it left the floor."""
+        """Whether the swing foot bears load on ground below it, after the share ``landing_from`` of the step."""
         foot, least = 1 - gait.stance, self._config.timing.landing_from * gait.step.time
         return gait.measured.active[foot] and gait.measured.upright(foot) and gait.elapsed > least
 
     def reference(self, gait: GaitState) -> tuple[DcmState, Vector]:
-        """DCM reference of the rest of the swing, and present CMP minus CoP (2,) [m].
+        """DCM reference for the rest of the swing, and present CMP minus CoP (2,) [m].
 
-        While the foot is late, the reference rests: the ankle of the stance foot holds the DCM.
+        While the foot is late, the reference comes to rest, and the ankle of the stance foot holds the DCM.
         """
         measured, target, left = gait.measured, gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
         swing = gait.swing.towards(target.x, target.y)
@@ -121,7 +121,7 @@ class SingleSupport:
         self.plan.height_at_touchdown(walk_of(gait, gait.step.liftoff))
 
     def _adjust(self, gait: GaitState, elapsed: float) -> None:
-        """Foothold and time, from the measured DCM."""
+        """Adjust foothold and time to the measured DCM."""
         foot = 1 - gait.stance
         gait.step = step = structs.replace(gait.step, urgent=gait.step.urgent or self.far_off(gait))
         last = PlannedStep(gait.soles.holds[foot], step.time, step.touchdown, region=step.region, via=step.via)
@@ -137,7 +137,7 @@ class SingleSupport:
         )
 
     def _shift_late_target(self, gait: GaitState, dt: float) -> Point:
-        """Move the target of a late foot after the DCM, so that it lands as planned relative to it; how fast [m/s]."""
+        """Move the target of a late foot with the DCM, to keep its planned offset; returns the velocity [m/s]."""
         foot, holds = 1 - gait.stance, gait.soles.holds
         share = min(dt / self._config.swing.late_time, 1.0)
         target, run = holds[foot], share * (gait.measured.dcm(gait.omega) - gait.step.touchdown)

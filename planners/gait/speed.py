@@ -1,22 +1,21 @@
-r"""Corrects the nominal steps so that a walk makes the commanded velocity.
+r"""Correction of the nominal steps so that a walk reaches the commanded velocity.
 
-A swing foot lags, a sole lands early, the DCM trails its reference: the steps of a velocity ``v`` are some percent
-shorter than planned, more at high speed, and those to one side go a little ahead, too. So the nominal step is that of
+A swing foot lags, a sole lands early, and the DCM trails its reference. Steps at a velocity ``v`` are therefore some
+percent shorter than planned, more at high speed; lateral steps also go slightly ahead. The nominal step is that of
 
 .. math:: v + E\,r(v), \qquad r(v) = (v_x^+, v_x^-, v_y^+, v_y^-, \omega^+, \omega^-), \quad
     v^\pm = \max(\pm v, 0)
 
-with columns for either sense of each component, since steps to the left are no mirror of steps to the right where a leg
-is calibrated otherwise, nor are steps back one of steps ahead. The matrix ``E`` is learned at each touchdown from the
-velocity that the foot has made since it last lay on the floor, over two steps of duration T, by normalised least mean
-squares:
+with a column for each sign of each component: steps to the left do not mirror steps to the right if the legs are
+calibrated differently, and steps back do not mirror steps ahead. At each touchdown, normalised least mean squares
+update the matrix ``E`` with the mean velocity of the foot since it last lay on the floor, over two steps of duration T:
 
 .. math:: E \leftarrow E + \gamma \frac{e\,r^T}{r^T r}, \qquad e = v - \frac{d}{2 T}, \quad
     |e_i| \le e_{max} |v|, \quad |E_{ij}| \le e_{max}
 
-with every component in parts of its speed at which the gait is fast. ``d`` is the way of the middle between the feet,
-along the arc. Both ends are soles on the floor, so the drift of the estimate is not in it. Only steps at a steady
-velocity count, on ground that is not rough, that were not urgent.
+Every component is relative to its speed at which the gait is fast. ``d`` is the displacement of the middle between the
+feet along the arc. Both of its ends are soles on the floor, so the drift of the estimate has no effect. Only steps at a
+steady velocity on ground that is not rough are used, and no urgent ones.
 
 References:
     Haykin: Adaptive filter theory, 4th edition, 2002, chapter 6.
@@ -34,17 +33,17 @@ from planners.gait.footsteps import Foothold, Point, rotated, wrap
 Row = tuple[float, float, float, float, float, float]
 
 _ZERO: Row = (0.0,) * 6
-_SLOW = 1e-3  #: Part of the fast speeds below which nothing is learned [-]
+_SLOW = 1e-3  #: Share of the fast speeds below which nothing is learned [-]
 
 
 class SpeedTrim(Struct, frozen=True):
     """Correction of the velocity of the nominal steps, learned at touchdowns."""
 
     matrix: tuple[Row, Row, Row] = (_ZERO, _ZERO, _ZERO)  #: ``E`` (3, 6), in the units of the velocity
-    steady: Velocity | None = None  #: Velocity of the last step, None if it does not count
+    steady: Velocity | None = None  #: Velocity of the last step; None if that step is not used
 
     def of(self, velocity: Velocity) -> Velocity:
-        """Velocity of the nominal steps for a commanded one [m/s, m/s, rad/s]."""
+        """Velocity of the nominal steps for a commanded velocity [m/s, m/s, rad/s]."""
         x, y, w = velocity
         i, j, k = 0 if x > 0.0 else 1, 2 if y > 0.0 else 3, 4 if w > 0.0 else 5
         a, b, c = abs(x), abs(y), abs(w)
@@ -65,9 +64,9 @@ class SpeedTrim(Struct, frozen=True):
         config: SpeedConfig,
         pace: PaceConfig,
     ) -> "SpeedTrim":
-        """After a touchdown at ``reached`` of the foot that ``left`` its place a step of ``period`` [s] before.
+        """The correction after a step of ``period`` [s] of one foot, from ``left`` to ``reached``.
 
-        ``middle`` is the place between the feet from a nominal sole [m], ``pace`` has the speeds of the fast gait.
+        ``middle`` is the middle between the feet in the frame of a nominal sole [m]; ``pace`` has the fast speeds.
         """
         if velocity != self.steady:
             return SpeedTrim(self.matrix, velocity)

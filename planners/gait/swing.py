@@ -1,4 +1,4 @@
-"""Swing-foot trajectory toward a target that may move."""
+"""Swing-foot trajectory towards a moving target."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from planners.gait.measurement import points_up
 from planners.gait.tread import SwingShares, clearance_over, swing_shares
 
 X, Y, Z, YAW = range(4)
-_SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  #: Times at which a foot may pass a corner, of those that are left [-]
+_SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  #: Candidate times to pass a corner, as shares of the time left [-]
 
 
 class Via(NamedTuple):
-    """Corner that a swing foot passes on its way, in W."""
+    """Corner that a swing foot passes, in W."""
 
     x: float  #: [m]
     y: float  #: [m]
-    velocity: Point  #: There [m/s]
-    time: float  #: Since lift-off [s]
+    velocity: Point  #: Velocity at the corner [m/s]
+    time: float  #: Time since lift-off [s]
 
     def shifted(self, x: float, y: float) -> Via:
-        """Moved in W [m]."""
+        """The corner moved in W [m]."""
         return self._replace(x=self.x + x, y=self.y + y)
 
 
@@ -49,13 +49,13 @@ class SwingShape(NamedTuple):
     edge_clearance: float
 
 
-#: The swing under way, for its reaction: motion of the foot, see ``SwingState`` (3, 4), heights of apex and landing
+#: Present swing, for the leg's reaction: motion of the foot, see ``SwingState`` (3, 4), heights of apex and landing
 #: [m], ``SwingShares``, time from lift-off to touchdown [s], acceleration at touchdown [m/s^2] and target [m] in W
 SwingMotion = tuple[Matrix, Point, tuple[float, float, float], float, Point, Point]
 
 
 class SwingLimits(NamedTuple):
-    """Constants of ``SwingFoot``; behind the shape, fields of ``SwingConfig``."""
+    """Constants of ``SwingFoot``: the shape, then fields of ``SwingConfig``."""
 
     shape: SwingShape
     late_velocity: float  # [m/s]
@@ -73,14 +73,14 @@ class SwingState(Struct, frozen=True):
     floor: float  # height at lift-off [m]
     clearance: float  # height of the apex above lift-off or target, whichever is higher [m]
     duration: float  # from lift-off to the planned touchdown [s]
-    start: Point  # place at lift-off, in W [m]
+    start: Point  # position at lift-off, in W [m]
     braking: Point  # acceleration at the planned touchdown, along x and y of W [m/s^2]
     tilt: Vector  # slope of the sole: its rise along x and along y of W (2,) [-]
     shares: SwingShares  # times of this swing
     rise: float = 0.0  # known height of the target above that at lift-off [m]
-    trips: int = 0  # detected so far
+    trips: int = 0  # number of detected trips
     rising_until: float = 0.0  # time since lift-off until which the foot only rises [s]
-    edge: float = -math.inf  # height of the foot as it tripped: what caught it is at least as high [m]
+    edge: float = -math.inf  # height of the foot when it tripped; the edge is at least as high [m]
 
     @property
     def position(self) -> Vector:
@@ -95,17 +95,17 @@ class SwingState(Struct, frozen=True):
         return velocity
 
     def towards(self, x: float, y: float) -> SwingMotion:
-        """The swing to a target in W [m], for its reaction."""
+        """The swing to a target in W [m], for the reaction of the leg."""
         apex, wait, settle = self.shares
         heights = self.floor + max(self.rise, 0.0) + self.clearance, self.floor + self.rise
         return self.motion, heights, (apex, wait, settle), self.duration, self.braking, (x, y)
 
     def via(self, corner: Point, target: Point, elapsed: float, left: Point, last: Via | None, freeze: float) -> Via:
-        """When and how fast the foot passes a corner on its way to a target, both in W (2,) [m].
+        """Time and velocity at which the foot passes a corner on its way to a target, both in W (2,) [m].
 
-        ``left`` is the time to the end of the swing, now and by the last plan [s]. The first time is that of least
-        effort, later plans keep its share of the time that is left: ``last`` is that of the last plan. Shortly before
-        the corner, within twice ``freeze`` [s], nothing changes.
+        ``left`` is the time to the end of the swing, now and in the last plan [s]. The first plan chooses the time of
+        least effort. Later plans keep its share of the time left; ``last`` is the result of the last plan. Within twice
+        ``freeze`` [s] before the corner, nothing changes.
         """
         if last is not None and last.time - elapsed <= 2.0 * freeze:
             return last
@@ -122,7 +122,7 @@ class SwingState(Struct, frozen=True):
         return Via(*corner, (x, y), elapsed + time * share)
 
     def shifted(self, x: float, y: float) -> SwingState:
-        """Moved in W [m]."""
+        """The reference moved in W [m]."""
         motion = self.motion.copy()
         motion[0, X] += x
         motion[0, Y] += y
@@ -133,21 +133,20 @@ AT_REST = SwingState(np.zeros((3, 4)), 0.0, 0.0, 0.0, (0.0, 0.0), (0.0, 0.0), np
 
 
 class SwingFoot:
-    """Moves the reference of a foot from lift-off to touchdown.
+    """Generates the reference of a foot from lift-off to touchdown.
 
-    Every tick, x, y and yaw follow the quintic from the present reference state to rest at the target in the time left:
-    the target and the time may move, and the reference stays smooth to its acceleration. Along x and y the acceleration
-    at both ends is that of ``effort`` parts of the cubic, the path of the least mean square of the acceleration, which
-    the hip of the leg pays for; the rest is the path of least jerk. The height goes likewise to
-    the clearance at the apex, then to the target with the landing velocity. Later than planned, the foot continues down
-    at ``late_velocity``, at most ``depth_max``, and follows its target. On the way round the stance leg, x and y first
-    go to a corner, ``via``, and through it. To a foothold of another known height the foot goes over the edge between:
-    ``swing_shares``.
+    Every tick, x, y and yaw follow the quintic from the present reference state to rest at the target in the time left.
+    Target and time may change; the reference is continuous up to its acceleration. The accelerations at both ends along
+    x and y are ``effort`` times those of the cubic, which has the least mean square acceleration and so the least load
+    on the hip; at 0 the path has the least jerk. The height follows quintics to the clearance at the apex and to the
+    target with the landing velocity. A late foot follows its target and descends at ``late_velocity``, at most
+    ``depth_max`` below it. On the way around the stance leg, x and y first pass a corner, ``via``. On the way to a
+    foothold of another known height, the foot passes over the edge in between, see ``swing_shares``.
 
-    A foot ``trip_lag`` away from its reference has tripped, over the edge of a tile for instance, if a force of
-    ``trip_force`` of the weight, more horizontal than vertical, pushes it away from that; others only lag. The harder
-    it is pushed on, the faster friction holds it. Its reference goes back to ``trip_back`` beyond the measured place,
-    and before the planned touchdown it only rises for ``trip_time``.
+    A foot ``trip_lag`` away from its reference has tripped, for example over the edge of a tile, if a force of at least
+    ``trip_force`` of the weight, more horizontal than vertical, pushes it away from the reference. Otherwise it only
+    lags. Pushing harder would increase the friction that holds the foot. The reference therefore moves back, to
+    ``trip_back`` beyond the measured position, and before the planned touchdown it only rises for ``trip_time``.
     """
 
     def __init__(self, config: SwingConfig) -> None:
@@ -169,12 +168,12 @@ class SwingFoot:
         rise: float = 0.0,
         over: float = 0.0,
     ) -> SwingState:
-        """Start from rest at a pose x, y, z, yaw (4,) on a slope (2,) [-], for a swing of this height and duration.
+        """Start a swing of this height [m] and duration [s] at rest, from a pose x, y, z, yaw (4,) on a slope (2,) [-].
 
-        ``target`` is the place at which it is to end, in W [m], by a path of this least ``effort``; without one, it
-        starts without acceleration.
-        With ``toe_off``, the pose is that of the flat sole, and the foot starts as it turns about its edge.
-        The target is known to be higher by ``rise`` [m], what the foot passes than the higher end by ``over`` [m].
+        ``target`` is the planned end in W [m], on a path of this ``effort``, see ``SwingFoot``. Without a target, the
+        foot starts without acceleration. With ``toe_off``, the pose is that of the flat sole, and the foot starts with
+        the rotation about its edge. The target is higher than the pose by ``rise`` [m]; an obstacle on the way is
+        higher than the higher end by ``over`` [m].
         """
         motion, start = np.zeros((3, 4)), (float(pose[X]), float(pose[Y]))
         motion[0] = pose
@@ -197,9 +196,9 @@ class SwingFoot:
     def detect_trip(
         self, swing: SwingState, sole: Foothold, force: Vector, elapsed: float, duration: float
     ) -> SwingState:
-        """Draw back from the measured place of the sole when the foot has tripped; times in [s].
+        """Detect a trip, and move the reference back from the measured place of the sole; times in [s].
 
-        ``force`` is that of the ground on the sole in W, share of the weight (3,) [-].
+        ``force`` is the force of the ground on the sole in W, as a share of the weight (3,) [-].
         """
         if elapsed < min(swing.rising_until, duration) or not _is_caught(self._limits, swing.motion, sole.place, force):
             return swing
@@ -225,8 +224,8 @@ class SwingFoot:
     ) -> SwingState:
         """Advance by ``dt`` towards a pose x, y, z, yaw (4,) on a slope (2,); times count from lift-off [s].
 
-        ``effort`` is the part of the path that is that of least effort [-]. ``target_velocity`` is that of the target
-        of a late foot in W [m/s].
+        ``effort`` is the share of the path of least effort [-], see ``SwingFoot``. ``target_velocity`` is the velocity
+        of the target of a late foot in W [m/s].
         """
         motion, tilt, rising_until = swing.motion.copy(), swing.tilt.copy(), swing.rising_until
         heights = swing.floor, swing.clearance
@@ -241,14 +240,14 @@ class SwingFoot:
 
 @register_jitable
 def end_acceleration(way: float, duration: float, effort: float) -> float:
-    """Acceleration at the end of a swing over a way [m/s^2], that at its start reversed; see ``SwingFoot``."""
+    """Acceleration at the end of a swing over a way [m/s^2], opposite to that at its start; see ``SwingFoot``."""
     return -6.0 * effort * way / (duration * duration)
 
 
 def _passing_speed(before: float, after: float, speed: float, first: float, last: float) -> float:
-    """Of the cubic spline that starts with a speed and ends at rest, between two ways in two times [m/s].
+    """Passing speed of the cubic spline over two ways in two times, from a start speed to rest [m/s].
 
-    Not more than that from which on the first way begins backwards, for a run-up.
+    Limited so that the first way does not begin backwards for a run-up.
     """
     passing = (1.5 * (before / first**2 + after / last**2) - 0.5 * speed / first) / (1.0 / first + 1.0 / last)
     most = 3.0 * before / first - 2.0 * speed
@@ -256,7 +255,7 @@ def _passing_speed(before: float, after: float, speed: float, first: float, last
 
 
 def _effort(before: float, after: float, speed: float, first: float, last: float) -> float:
-    """Integral of the square of that spline's acceleration [m^2/s^3], over 4."""
+    """A quarter of the integral of the squared acceleration of that spline [m^2/s^3]."""
     passing = _passing_speed(before, after, speed, first, last)
     return sum(
         3.0 * way * (way - time * (start + end)) / time**3 + (start**2 + start * end + end**2) / time
@@ -293,10 +292,10 @@ def _advance(
     times: tuple[float, float, float],
     shares: SwingShares,
 ) -> None:
-    """One tick of the motion (3, 4) and the slope (2,) of the sole: ``SwingFoot.step``.
+    """One tick of the motion (3, 4) and the slope (2,) of the sole, see ``SwingFoot.step``.
 
-    ``heights`` are those at lift-off, in W, and of the apex above it [m]; ``times`` are those since lift-off and of
-    the whole swing, and the tick [s].
+    ``heights`` are the height at lift-off in W and the clearance of the apex [m]. ``times`` are the time since
+    lift-off, the duration of the swing, and the tick [s].
     """
     limits, (floor, clearance), (elapsed, duration, dt) = constants.record, heights, times
     shape, share, (top, wait, settle) = limits.shape, min(dt / limits.tilt_time, 1.0), shares
@@ -317,7 +316,7 @@ def _advance(
     height, sink, height_left = target[Z], -shape.landing_velocity, left
     if apex > shape.freeze or rising:
         height, sink, height_left = max(floor, height) + clearance, 0.0, max(apex, shape.freeze)
-    # A quintic over the last moments would turn every millimetre into a jerk: it is stretched instead.
+    # The quintic is stretched at its end: over a very short time every millimetre would cause a large jerk.
     steady, waits = max(left, shape.freeze), elapsed < wait * duration
     over = max(left - settle * duration, shape.freeze)
     corner, passing = (via.x, via.y), via.time - elapsed + dt

@@ -1,4 +1,4 @@
-"""Commands of the gait beside the velocity: walks to a pose or along listed footsteps, and plans of them."""
+"""Gait commands besides velocity: walks to a pose or along listed footsteps, and services that plan them."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -25,10 +25,10 @@ from planners.nodes.ground_walk import GroundWalk
 
 
 class RouteTopics:
-    """Has the gait walk to a pose or take listed footsteps, in mode ``walk`` only, and publishes its status.
+    """Commands walks to a pose or along listed footsteps, in mode ``walk`` only, and publishes their status.
 
     A route ends the velocity ``command``, and a later velocity ends the route. ``ready`` returns why the robot cannot
-    walk now, empty when it can. ``soles`` returns the soles of a standing robot, or raises ``CommandError``; ``now``
+    walk now, empty if it can. ``soles`` returns the soles of a standing robot, or raises ``CommandError``. ``now``
     returns the stamp of the newest state [ns].
     """
 
@@ -87,7 +87,7 @@ class RouteTopics:
         return self._law.route.left
 
     def _on_plan(self, request: Any, response: Any) -> Any:
-        """A plan, or an empty path: GetPlan has no field for a reason; diagnostics and log give it."""
+        """Plan, empty on failure: GetPlan has no field for the reason, which is in the diagnostics and the log."""
         try:
             if not request.tolerance >= 0.0:
                 raise MessageError(f"tolerance is {request.tolerance}")
@@ -116,7 +116,7 @@ class RouteTopics:
         return plan_to_pose(goal, self._start(request.start), self._law.config)
 
     def _start(self, start: Any) -> Sequence[Foothold]:
-        """Soles to plan from: those of a robot standing at the given pose, or, without a frame, the present ones."""
+        """Soles to plan from: of a robot that stands at the given pose, or the present ones if that has no frame."""
         config = self._law.config
         if start.header.frame_id:
             return soles_at(goal_from_message("start", start), config.reach.width)

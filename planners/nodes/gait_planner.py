@@ -1,4 +1,4 @@
-"""Node ``gait_planner``: velocities and goals in; commands of the gait, footsteps and phase out."""
+"""Node ``gait_planner``: commands the gait from velocities and goals, and publishes footsteps and phase."""
 
 import math
 from collections import deque
@@ -32,18 +32,18 @@ from planners.nodes.gait_commands import RouteTopics
 from planners.nodes.gait_link import GaitStage, RemoteGait, declare_gait
 from planners.nodes.ground_walk import GroundWalk, declare_ground
 
-_WARNED = 10.0  #: Between two warnings of a walk without a map [s]
-TAKEN_MAX = 20  #: Length of ``gait/footsteps_taken``
+_WARNED = 10.0  #: Least time between two warnings of a walk without a map [s]
+TAKEN_MAX = 20  #: Largest number of poses in ``gait/footsteps_taken``
 
 
 def declare_rates(node: PoiseNode) -> tuple[int, int]:
-    """Declare the rates of footsteps and margin; returns the times between [ns]."""
+    """Declare the publication rates of footsteps and margin; returns their periods [ns]."""
     footsteps = declare_period(node, "footstep_rate", 10.0, "the planned footsteps while walking", high=100.0)
     return footsteps, declare_period(node, "margin_rate", 50.0, "the capturability margin in mode walk", high=100.0)
 
 
 class GaitTopics:
-    """Publishes changes after a tick, at the periods of ``declare_rates``; ``margin``: capturability margin [m]."""
+    """Publishes changes of the gait, at the periods of ``declare_rates``; ``margin``: capturability margin [m]."""
 
     def __init__(self, node: PoiseNode, law: GaitPlanner, periods: tuple[int, int]) -> None:
         self._law, self._periods = law, periods
@@ -59,14 +59,14 @@ class GaitTopics:
         self.reset()
 
     def reset(self) -> None:
-        """A walk begins: publish everything again."""
+        """Publish everything again, at the beginning of a walk."""
         self._word, self._steps = "", 0
         self._last_planned = self._last_margin = 0
         self._history.clear()
         self.margin = math.nan
 
     def publish_phase(self, word: str) -> None:
-        """Publish a new word of ``gait/phase``."""
+        """Publish ``gait/phase`` if its word has changed."""
         if word != self._word:
             self._word = word
             self._report()
@@ -83,7 +83,7 @@ class GaitTopics:
         self._report()
 
     def report_ground(self, blocked: str, unmapped: str) -> None:
-        """Report why it stands in front of ground that is not level, and why it walks without a map; empty if not."""
+        """Report why the robot stands before ground that is not level, and why it walks without a map; empty if not."""
         blocked = f"stopped: {blocked}" if blocked else ""
         before, self._blocked, self._unmapped = (self._blocked, self._unmapped), blocked, unmapped
         if before == (blocked, unmapped):
@@ -99,7 +99,7 @@ class GaitTopics:
         self._publish_status(GaitStatus(present, still, self._limited, self._blocked, self._unmapped))
 
     def publish(self, stamp: int) -> None:
-        """Publish what is due at a stamp [ns]."""
+        """Publish everything that is due at a stamp [ns]."""
         law = self._law
         if law.settled:
             word = topics.GAIT_SETTLED
@@ -122,7 +122,7 @@ class GaitTopics:
 
     @staticmethod
     def _plan(stamp: int, view: GaitView, config: GaitConfig) -> Any:
-        """Coming footsteps with the times of their touchdown."""
+        """Next footsteps with their touchdown times."""
         gait = view.state
         singles = (max(gait.pace.single, step.time) for step in gait.command.route.steps[1:])
         periods = (
@@ -136,7 +136,7 @@ class GaitTopics:
 
 
 class GaitPlannerNode(PoiseNode):
-    """Commands the gait of a control stack: one of this process, or by message where ``stack`` is None."""
+    """Commands the gait of a control stack in this process, or in another one by messages if ``stack`` is None."""
 
     def __init__(self, stack: GaitStage | None = None, **kwargs: Any) -> None:
         super().__init__("gait_planner", **kwargs)
@@ -167,7 +167,7 @@ class GaitPlannerNode(PoiseNode):
         return self._mode == Mode.WALK.value
 
     def _on_velocity(self, message: Any) -> None:
-        """Store a velocity of the supervisor, which arbitrates the sources; it may come just before its mode."""
+        """Store a velocity of the supervisor, which arbitrates the sources; it may arrive just before its mode."""
         velocity = velocity_from_twist(message)
         self._gait.report_limit(velocity)
         self._command.repeat(velocity, self._stamp / NANOSECONDS)
@@ -178,12 +178,12 @@ class GaitPlannerNode(PoiseNode):
         self._stack.stop()
 
     def _on_mode(self, message: Any) -> None:
-        if self._walking:  # "walk" again: the mode between, and the status of the walk that begins, would be lost
+        if self._walking:  # also on "walk" again: the mode in between and the status of the new walk would be lost
             self._leave()
         self._mode = message.data
 
     def _leave(self) -> None:
-        """Mode walk has ended: the command is discarded, the soles' poses are unknown until the next walk."""
+        """End of mode walk: the command is discarded, the poses of the soles are unknown until the next walk."""
         self._command.forget()
         self._begun = False
         self._gait.report_limit(STILL)
@@ -193,13 +193,13 @@ class GaitPlannerNode(PoiseNode):
         self._routes.publish_end()
 
     def _not_walking(self) -> str:
-        """Why no footsteps can be taken now; empty when they can."""
+        """Reason why no footsteps can be taken now; empty if they can."""
         if not self._walking:
             return f"no walking in mode '{self._mode}': request mode/walk first"
         return "" if self._begun else "mode 'walk' has just been entered: try again"
 
     def _soles(self) -> Feet:
-        """Poses of the soles of a robot that does not walk; ``CommandError`` when unknown or not standing."""
+        """Poses of the soles of a robot that does not walk. Raises ``CommandError`` if unknown or not standing."""
         measured = self._law.state.measured
         if self._mode not in (Mode.STAND.value, Mode.MOTION.value, Mode.WALK.value):
             raise CommandError("start: none given, and where the soles are is not known")
@@ -208,7 +208,7 @@ class GaitPlannerNode(PoiseNode):
         return measured.soles
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle transition; from here on the robot can walk."""
+        """Lifecycle transition, after which the robot can walk."""
         result = super().on_activate(state)
         if self.active:
             self._begun = False
@@ -218,14 +218,14 @@ class GaitPlannerNode(PoiseNode):
         return result
 
     def deactivate(self) -> None:
-        """No walk can begin; one under way comes to a standstill."""
+        """Stop a walk under way; no other one can begin."""
         self._command.forget()
         self._stack.hold_velocity(*STILL)
         self._stop("the gait planner was deactivated")
         self._gait.publish_phase(topics.GAIT_ABSENT)
 
     def before_tick(self, t: float) -> None:
-        """Before each tick of the process: apply the commanded velocity, which must be repeated, at a stamp [s]."""
+        """Apply the commanded velocity, which must be repeated; called before each tick with its stamp [s]."""
         if not self._walking:
             return
         if self._command.lapsed(t):
@@ -233,12 +233,12 @@ class GaitPlannerNode(PoiseNode):
         self._stack.hold_velocity(*self._ground.admit(self._command.velocity))
 
     def _on_report(self, stamp: int) -> None:
-        """The controller in another process has reported its gait after a tick of a stamp [ns]."""
+        """Handle the report of a controller in another process, after its tick with a stamp [ns]."""
         self.before_tick(stamp / NANOSECONDS)
         self.publish(stamp)
 
     def publish(self, stamp: int) -> None:
-        """After each tick of the process, in mode walk: publish what is due for its stamp [ns]."""
+        """Publish what is due at the stamp of a tick [ns], in mode walk; called after each tick of the process."""
         self._stamp = stamp
         if self._stack.walking and self._walking and not self._begun:
             self._gait.reset()
@@ -267,7 +267,7 @@ class GaitPlannerNode(PoiseNode):
         self.values["capture margin [m]"] = f"{self._gait.margin:.4f}"
 
 
-main = program(GaitPlannerNode)  #: Its gait is that of a controller in another process
+main = program(GaitPlannerNode)  #: Commands the gait of a controller in another process
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Node ``ground_planner``: requests and the map of the ground in; footsteps on it out."""
+"""Node ``ground_planner``: plans footsteps on the map of the ground, on request."""
 
 import time
 from typing import Any
@@ -25,7 +25,7 @@ from planners.terrain.ground_route import Answer, Request, answer_request
 
 
 def ground_from_message(message: Any) -> Heights:
-    """Heights of the ground in ``odom`` of a grid_map_msgs/GridMap; ``MessageError`` for one without elevation."""
+    """Ground heights in ``odom`` of a grid_map_msgs/GridMap; ``MessageError`` without elevation or resolution."""
     values, cell, centre = layer_of(message, "elevation"), float(message.info.resolution), message.info.pose.position
     if not cell > 0.0:
         raise MessageError(f"info.resolution is {cell}")
@@ -34,7 +34,7 @@ def ground_from_message(message: Any) -> Heights:
 
 
 class GroundPlannerNode(PoiseNode):
-    """Answers each request with footsteps on the newest map; in a process of its own, since a plan takes a while."""
+    """Answers each request with footsteps on the newest map, in a separate process since a plan takes long."""
 
     AUTOSTART = True
 
@@ -77,7 +77,7 @@ class GroundPlannerNode(PoiseNode):
         self._answers.publish(encode(answer))
 
     def _ground(self, stamp: float) -> tuple[Heights, float] | None:
-        """The newest map and its stamp [s]; None when that is farther than ``map_age_max`` from a stamp [s]."""
+        """The newest map and its stamp [s]; None if that is more than ``map_age_max`` from the given stamp [s]."""
         if self._map is None:
             return None
         message = deserialize_message(self._map, self._kind)

@@ -1,4 +1,4 @@
-"""Walks of the gait planner on the map of the ground: where that is not level, planned footsteps take over."""
+"""Walks of the gait planner on mapped ground: planned footsteps take over where it is not level."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ from planners.terrain.footholds import GroundQuery
 from planners.terrain.ground_config import GroundConfig, RouteConfig, WatchConfig
 from planners.terrain.ground_route import Answer, GroundRoute, Request
 
-_AROUND = "around"  #: Parameter
+_AROUND = "around"  #: Name of the parameter
 _UNSEEN = "nothing is known of the ground on the way: the robot walks without a map; see terrain_mapper and its clouds"
 
 
 class _Stage(Enum):
-    IDLE = auto()  # nothing to watch, or no ground planner is there
-    ASKED = auto()  # for the ground on the way to a goal
-    BLIND = auto()  # the gait walks by itself; the ground on the way is watched
-    STOP = auto()  # it is to stand, in front of ground that is not level
-    ROUTE = auto()  # it takes planned footsteps
-    LOOK = auto()  # it stands, and will ask for a way around
-    AROUND = auto()  # it has asked for that
-    LAST = auto()  # it turns to the goal
-    BLOCKED = auto()  # it stands in front of what it cannot step on
+    IDLE = auto()  # no ground to check, or no ground planner
+    ASKED = auto()  # awaits the answer about the ground on the way to a goal
+    BLIND = auto()  # the gait walks without planned footsteps; the ground on the way is checked
+    STOP = auto()  # stops in front of ground that is not level
+    ROUTE = auto()  # takes planned footsteps
+    LOOK = auto()  # stands, and will request a detour
+    AROUND = auto()  # awaits the detour
+    LAST = auto()  # turns to the heading of the goal
+    BLOCKED = auto()  # stands in front of ground that it cannot step on
 
 
-_WATCHING = (_Stage.ASKED, _Stage.BLIND, _Stage.BLOCKED)  #: It has asked for the ground on the way
-_STOPPED = (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED)  #: The gait may not walk by itself
+_WATCHING = (_Stage.ASKED, _Stage.BLIND, _Stage.BLOCKED)  #: Stages that request the ground on the way
+_STOPPED = (_Stage.STOP, _Stage.ROUTE, _Stage.BLOCKED)  #: Stages in which the gait may only take planned steps
 
 
 def declare_ground(node: PoiseNode) -> tuple[WatchConfig, RouteConfig]:
-    """Declare what ``GroundWalk`` takes from ``ground.yaml``, and the parameter ``around``."""
+    """Declare the parameters of ``GroundWalk`` from ``ground.yaml``, and the parameter ``around``."""
     default = default_config(GroundConfig, "planners", "ground")
     watch = declare_config(node, default.watch, "ground_walk.watch.")
     route = declare_config(node, default.route, "ground_walk.route.")
@@ -60,23 +60,23 @@ def _speed(velocity: Velocity) -> float:
 
 
 def _bearing(velocity: Velocity) -> float:
-    """Direction of a velocity from that ahead [rad]."""
+    """Direction of a velocity relative to straight ahead [rad]."""
     return math.atan2(velocity[1], velocity[0])
 
 
 class GroundWalk:
-    """Watches the ground on the way to a goal or of a velocity, and walks on plans where it is not level.
+    """Checks the ground on the way to a goal or of a velocity, and walks on planned footsteps where it is not level.
 
-    Without a ground planner, or a map, the gait walks as if this were not there. Else the ground planner is asked at
-    every touchdown whether the next ``ahead`` (``beside`` to the sides and behind) are level. Where they are not, the
-    robot stops, turns to the goal, and follows ``GroundRoute``; where that ends beside the goal it walks there over
-    level ground. At a velocity to the side or back it stays. With the parameter ``around`` it walks to a goal over
-    level ground beside what stands in the way. ``report`` gets the reasons for which it stands at a velocity, and walks
-    without a map, empty while it does not. A robot that cannot go on may turn, and asks again every ``retry_period``; a
-    velocity in another direction is a new command.
+    Without a ground planner or a map, the gait walks unchecked. Otherwise each touchdown triggers a request whether the
+    ground is level for the next ``ahead`` (``beside`` to the sides and behind). If not, the robot stops, turns to the
+    goal, and follows ``GroundRoute``. If that ends beside the goal, it walks there over level ground. At a velocity to
+    the side or back it stays where it is. With the parameter ``around`` it walks to a goal around obstacles, over level
+    ground. ``report`` receives the reasons why the robot stands despite a velocity and why it walks without a map,
+    empty if it does not. A robot that cannot go on may turn, and repeats its request every ``retry_period``. A velocity
+    in another direction is a new command.
 
     Attributes:
-        outcome: Of the last goal: ``done``, or why it was not reached; empty where the gait's own route says so.
+        outcome: Of the last goal: ``done``, or why it was not reached; empty if the route of the gait has the outcome.
     """
 
     def __init__(
@@ -88,32 +88,32 @@ class GroundWalk:
         report: Callable[[str, str], None],
     ) -> None:
         self._law, self._stack, self._report = law, stack, report
-        self._blocked = self._unmapped = ""  # reported
+        self._blocked = self._unmapped = ""  # last reported reasons
         self._config, route = config
         self._route = GroundRoute(law, stack, route)
         self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
         self._around = lambda: bool(node.get_parameter(_AROUND).value)
-        self._number = self._before = 0  # of the last watch, and of the last one before the present command
+        self._number = self._before = 0  # of the last request, and of the last one before the present command
         self._stage, self.outcome = _Stage.IDLE, ""
         self._goal: Foothold | None = None
         self._poses: list[Foothold] = []  # to walk through on the way to the goal
         self._detours = 0
-        self._beside = 0.0  # from the goal at the end of plans along a line beside it [m]
+        self._beside = 0.0  # distance to the goal after plans that ended beside it [m]
         self._velocity = STILL
         self._stopped = 0.0  # bearing of the velocity that was stopped [rad]
         self._t = self._asked = 0.0
-        self._steps = -1  # touchdowns at the last watch
-        self._seen = False  # whether a ground planner was there
+        self._steps = -1  # touchdowns at the last request
+        self._seen = False  # whether a ground planner was present
         self._unanswered = math.inf  # stamp of the first request since the last answer [s]
 
     @property
     def busy(self) -> bool:
-        """Whether a goal is on its way beside the gait's own route."""
+        """Whether a walk to a goal is in progress, with or without a route of the gait."""
         return self._goal is not None and self._stage not in (_Stage.IDLE, _Stage.BLOCKED)
 
     def go(self, goal: Foothold) -> int:
-        """Walk to a goal; returns the number of footsteps on level ground. Errors as ``plan_to_pose``."""
+        """Walk to a goal; returns the number of footsteps on level ground. Raises as ``plan_to_pose``."""
         count = len(plan_to_pose(goal, self._law.footholds, self._law.config))
         self.cancel("")
         if not count or not self._has_planner():
@@ -124,25 +124,25 @@ class GroundWalk:
         return count
 
     def _tell(self, *, blocked: str | None = None, unmapped: str | None = None) -> None:
-        """Report what is given anew."""
+        """Report the given reasons together with those unchanged."""
         self._blocked = self._blocked if blocked is None else blocked
         self._unmapped = self._unmapped if unmapped is None else unmapped
         self._report(self._blocked, self._unmapped)
 
     def _has_planner(self) -> bool:
-        """Whether there is a ground planner, or was one, so that its silence is a fault."""
+        """Whether a ground planner is or was present, so that a missing answer is a fault."""
         self._seen = self._seen or self._requests.get_subscription_count() > 0
         return self._seen
 
     def cancel(self, reason: str) -> None:
-        """Another command, or none, from now on; footsteps under way are not affected."""
+        """End the present goal or velocity with a reason; footsteps under way are not affected."""
         self._tell(blocked="", unmapped="")
         self._route.end(reason)
         self._stage, self._goal, self.outcome, self._velocity = _Stage.IDLE, None, reason, STILL
         self._poses, self._before, self._unanswered = [], self._number, math.inf
 
     def admit(self, velocity: Velocity) -> Velocity:
-        """The part of a commanded velocity that the gait may walk at: none where plans take over."""
+        """The part of a commanded velocity that the gait may walk at; zero where planned footsteps take over."""
         if velocity != STILL and self._goal is not None:
             self.cancel("a velocity was commanded")
         stopped = self._stage in _STOPPED
@@ -163,9 +163,9 @@ class GroundWalk:
         return velocity
 
     def update(self, t: float) -> None:
-        """After a tick of a stamp [s]."""
+        """Advance the stage, after a tick with a stamp [s]."""
         self._t, law = t, self._law
-        if t - self._unanswered > self._config.answer_timeout and self._stage in _WATCHING:  # every tick
+        if t - self._unanswered > self._config.answer_timeout and self._stage in _WATCHING:  # repeated every tick
             now = "stays where it is" if self._stage is _Stage.BLOCKED else "walks without a map"
             text = f"no answer of the ground planner for {self._config.answer_timeout:g} s: the robot {now}"
             self._tell(unmapped=text)
@@ -196,7 +196,7 @@ class GroundWalk:
                     self._finish(law.route.outcome)
 
     def _watch(self, stage: _Stage) -> None:
-        """Ask whether the ground on the way is level."""
+        """Enter a stage, and request whether the ground on the way is level."""
         self._stage, self._steps, self._asked = stage, self._law.steps, self._t
         feet, here = self._law.footholds, middle(self._law.footholds)
         config = self._config
@@ -220,7 +220,7 @@ class GroundWalk:
             else:
                 self._route.answer(answer)
         elif self._stage in _WATCHING and self._number <= answer.number < self._before:
-            # A late answer counts, too: the ground that it saw on the way is still there.
+            # A late answer is also valid, since the ground on the way has not moved.
             self._unanswered = math.inf
             self._tell(unmapped=_UNSEEN if answer.blind and self._stage is not _Stage.BLOCKED else "")
             if not (answer.level or answer.blind):
@@ -237,7 +237,7 @@ class GroundWalk:
         return abs(_bearing(self._velocity)) <= self._config.cone
 
     def _stop(self) -> None:
-        """In front of ground that is not level; a robot that stands there already plans anew unless it turns."""
+        """Stop before ground that is not level. A blocked robot plans again only at a velocity ahead without a turn."""
         (x, y, turn), ahead = self._velocity, self._leads_ahead
         if self._stage is _Stage.BLOCKED and (turn or not ahead):
             return
@@ -251,11 +251,11 @@ class GroundWalk:
 
     @property
     def _target(self) -> Foothold | None:
-        """The next pose to walk to; None at a velocity."""
+        """Next pose to walk to; None at a velocity."""
         return self._poses[0] if self._poses else self._goal
 
     def _walk_blind(self, *, known: bool = True) -> None:
-        """To the next pose by the gait's own route; not from beside the goal where the ground is not ``known``."""
+        """Walk to the next pose by a route of the gait; from beside the goal, only if the ground is ``known``."""
         if self._beside and not known:
             self._finish(f"it stands {self._beside:.2f} m beside the goal, and the ground between is not known")
             return
@@ -265,7 +265,7 @@ class GroundWalk:
         self._walk_to(target, _Stage.BLIND)
 
     def _walk_to(self, pose: Foothold, stage: _Stage) -> None:
-        """Enter a stage with a route of the gait to a pose; the walk to the goal ends where that is refused."""
+        """Enter a stage with a route of the gait to a pose; a refused route ends the walk to the goal."""
         try:
             self._stack.walk_to(pose)
         except PoiseError as error:
@@ -274,7 +274,7 @@ class GroundWalk:
             self._stage = stage
 
     def _begin(self) -> None:
-        """It stands: turn to the goal, or follow plans along a line from here."""
+        """From standing, turn to the goal, prepare a detour, or follow plans along a line from here."""
         here, self._poses = middle(self._law.footholds), []
         if self._goal is None:
             if not self._leads_ahead:
@@ -297,7 +297,7 @@ class GroundWalk:
             self._route.begin(line, way)
 
     def _way_to(self, goal: Foothold) -> tuple[Foothold, float]:
-        """A line from here to a pose, and its length [m]."""
+        """Line from the present pose to a goal, and its length [m]."""
         here = middle(self._law.footholds)
         bearing = math.atan2(goal.y - here.y, goal.x - here.x)
         return Foothold(here.x, here.y, bearing, here.z), math.hypot(goal.x - here.x, goal.y - here.y)
@@ -309,7 +309,7 @@ class GroundWalk:
         self._send(Request(self._number, query, None, self._t, around=True))
 
     def _pass(self, answer: Answer, goal: Foothold) -> None:
-        """Walk through the poses of an answer, or over what is in the way where there is nothing to pass."""
+        """Walk through the poses of an answer; without poses, follow plans to the goal."""
         self._detours += 1
         if answer.reason or self._detours > self._config.detours_max:
             self._finish(answer.reason or f"no way around was found in {self._config.detours_max} tries")
@@ -321,7 +321,7 @@ class GroundWalk:
             self._route.begin(*self._way_to(goal))
 
     def _arrive(self, outcome: str) -> None:
-        """The gait's own route has ended: at a pose beside what is in the way, or at the goal."""
+        """Handle the end of a route of the gait, at a pose of a detour or at the goal."""
         if outcome == "done" and self._poses:
             del self._poses[0]
             self._walk_blind()
@@ -344,7 +344,7 @@ class GroundWalk:
                 self._tell(blocked=route.outcome)
         elif route.outcome == "done" and self._way_to(goal)[1] > self._config.near_goal:
             self._beside = self._way_to(goal)[1]
-            self._watch(_Stage.ASKED)  # if the ground between is level the gait walks there by itself
+            self._watch(_Stage.ASKED)  # over level ground in between, the gait walks there
         elif route.outcome == "done" and self._turned_from(goal):
             self._walk_to(goal, _Stage.LAST)
         else:
@@ -354,11 +354,11 @@ class GroundWalk:
         return abs(wrap(goal.yaw - middle(self._law.footholds).yaw)) > self._config.heading_error
 
     def _block(self) -> None:
-        """Stand at a velocity, and ask again later."""
+        """Stand despite a velocity, and repeat the request later."""
         self._stage, self._asked = _Stage.BLOCKED, self._t
 
     def _go_on(self) -> None:
-        """At the velocity again."""
+        """Resume the velocity."""
         self._tell(blocked="")
         self._stage, self._steps = _Stage.BLIND, -1
 

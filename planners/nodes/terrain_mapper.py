@@ -1,4 +1,4 @@
-"""Node ``terrain_mapper``: point clouds and odometry in, elevation map and planar patches of the ground out."""
+"""Node ``terrain_mapper``: elevation map and planar patches of the ground from point clouds and odometry."""
 
 import time
 from bisect import bisect_right
@@ -33,18 +33,18 @@ from planners.terrain.config import TerrainMapConfig
 from planners.terrain.given_map import load_given_map
 from planners.terrain.mapper import Posture, TerrainMapper
 
-HISTORY = 1.0  #: Age of the oldest state that is kept for a cloud [s]
-_LOST = 1.0  #: Time since the last points with a state in which others are only counted [s]
+HISTORY = 1.0  #: Largest age of a state that is kept for a cloud [s]
+_LOST = 1.0  #: Time after the last points with a state within which points without one are only counted [s]
 
 
 class _History:
-    """The newest serialised messages of a topic, decoded only where a cloud needs one."""
+    """Buffer of the newest serialised messages of a topic, which are decoded only on use."""
 
     def __init__(self) -> None:
         self._kept: deque[tuple[int, Any]] = deque()
 
     def add(self, stamp: int, message: Any) -> None:
-        """Keep a message with a stamp [ns]; one before the newest is of a new run: only that counts."""
+        """Append a message with a stamp [ns]; a stamp before the newest begins a new run and clears the buffer."""
         if self._kept and stamp < self._kept[-1][0]:
             self._kept.clear()
         self._kept.append((stamp, message))
@@ -57,10 +57,10 @@ class _History:
         return self._kept[-1][0] if self._kept else None
 
     def around(self, stamp: int, tolerance: int) -> tuple[Any, Any, float] | None:
-        """Messages before and after a stamp [ns], and its share of the way from one to the other [-].
+        """Messages before and after a stamp [ns], and its share of the interval between them [-].
 
-        At that stamp and at either end of the history one message is both. None when either is farther than a tolerance
-        [ns], or missing.
+        Both are the same message at that stamp and at either end of the buffer. None if either is missing, or farther
+        away than ``tolerance`` [ns].
         """
         if not self._kept:
             return None
@@ -74,7 +74,7 @@ class _History:
 
 
 class TerrainMapperNode(PoiseNode):
-    """Runs ``TerrainMapper`` on each cloud, with the odometry, the joints and the contacts at its stamp."""
+    """Runs ``TerrainMapper`` on each cloud, with odometry, joints and contacts at its stamp."""
 
     AUTOSTART = True
 
@@ -102,7 +102,7 @@ class TerrainMapperNode(PoiseNode):
         self._law = TerrainMapper(self.model, self._config, given)
         self._odometry, self._joints, self._contacts = _History(), _History(), _History()
         self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(self.model)
-        self._coming: tuple[bool, bool] | None = None  # contacts whose odometry has yet to come
+        self._coming: tuple[bool, bool] | None = None  # contacts that wait for their odometry
         self._missing, self._outputs = "", list[tuple[Any, Callable[[int], Any]]]()
         try:
             kinds = grid_map_type(), own_message("TerrainPatches")
@@ -117,7 +117,7 @@ class TerrainMapperNode(PoiseNode):
         self.listen(
             JointState, topics.JOINT_STATES, lambda data: self._joints.add(stamp_of(data), data), SENSOR, raw=True
         )
-        self.listen_start(self._law.reset)  # set upright somewhere: the ground there is another
+        self.listen_start(self._law.reset)  # placed upright on other ground
         sensors, qos = self.model.profile.sensors, COMMAND if self._reliable else SENSOR
         for topic, sensor in ((topics.DEPTH_POINTS, sensors.depth), (topics.LIDAR_POINTS, sensors.lidar)):
             if sensor is not None:
@@ -127,7 +127,7 @@ class TerrainMapperNode(PoiseNode):
         self._law.reset()
         self._due = [0, 0]  # stamps of the next map and patches [ns]
         self._took, self._clouds, self._stateless = 0.0, 0, 0
-        self._matched: dict[str, float] = {}  # monotonic time of each topic's last points that had a state [s]
+        self._matched: dict[str, float] = {}  # monotonic time of the last points with a state, by topic [s]
 
     def _on_odometry(self, data: bytes) -> None:
         stamp = stamp_of(data)
@@ -145,7 +145,7 @@ class TerrainMapperNode(PoiseNode):
                     self._publish(stamp)
 
     def _on_contacts(self, message: Any) -> None:
-        self._coming = contacts_from_message(message)  # without a stamp, published before the odometry of their tick
+        self._coming = contacts_from_message(message)  # without a stamp; published before the odometry of their tick
 
     def _on_cloud(self, topic: str, message: Any) -> None:
         stamp = stamp_ns(message.header.stamp)
@@ -153,7 +153,7 @@ class TerrainMapperNode(PoiseNode):
         if absent := [topic for topic, found in around.items() if found is None]:
             self._stateless += 1
             if time.monotonic() - self._matched.setdefault(topic, time.monotonic()) < _LOST:
-                return  # under load one of the three is late, now and then
+                return  # under load one of the three is sometimes late
             raise MessageError(f"no {', '.join(absent)} within {self._tolerance / 1e9:g} s of the points")
         posture = self._posture(around)
         if posture is None:
@@ -170,12 +170,12 @@ class TerrainMapperNode(PoiseNode):
         self._publish(stamp)
 
     def _around(self, stamp: int) -> dict[str, Any]:
-        """``_History.around`` a stamp [ns] by topic."""
+        """``_History.around`` a stamp [ns], by topic."""
         histories = {topics.ODOM: self._odometry, topics.JOINT_STATES: self._joints, topics.CONTACTS: self._contacts}
         return {topic: each.around(stamp, self._tolerance) for topic, each in histories.items()}
 
     def _posture(self, around: dict[str, Any]) -> Posture | None:
-        """Estimate between the messages ``around`` a stamp; None where one is malformed and refused."""
+        """Posture interpolated between the messages ``around`` a stamp; None if one is malformed and refused."""
         odometry, joints, contacts = around.values()
         poses = [self._decoded(topics.ODOM, self._odometry_codec, data) for data in odometry[:2]]
         angles = [self._decoded(topics.JOINT_STATES, self._joints_codec, data) for data in joints[:2]]
@@ -186,7 +186,7 @@ class TerrainMapperNode(PoiseNode):
         return Posture(np.concatenate([pose, q]), contacts[0] if contacts[2] < 0.5 else contacts[1])
 
     def _decoded(self, topic: str, codec: OdometryCodec | JointStateCodec, data: bytes) -> Any:
-        """Pose or joint angles of a message; None for a malformed one, which is refused."""
+        """Pose or joint angles of a message; None if it is malformed and refused."""
         try:
             return codec.decode(data)[1]
         except MessageError as error:
@@ -194,7 +194,7 @@ class TerrainMapperNode(PoiseNode):
             return None
 
     def _publish(self, stamp: int) -> None:
-        """Publish what is due at a stamp [ns] and has a subscriber; clouds may come up to half a period early."""
+        """Publish outputs that are due at a stamp [ns] and have a subscriber; they may be up to half a period early."""
         for i, (publisher, message) in enumerate(self._outputs):
             late, half = stamp - self._due[i], self._periods[i] // 2
             if late >= -half and not np.isnan(self._law.reference):
