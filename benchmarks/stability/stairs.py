@@ -1,4 +1,4 @@
-"""Stairs of known geometry, walked without range sensors; stairs and stones that the robot sees."""
+"""Stairs of known geometry, walked without range sensors; stairs and stones mapped by the robot."""
 
 import math
 from collections.abc import Sequence
@@ -26,25 +26,25 @@ from planners.terrain.given_map import terrain_heights
 from planners.terrain.ground_route import Answer, GroundRoute, Request, answer_request
 from planners.terrain.stairs import Stairs, stair_footsteps
 
-_SETTLE = 4.0  #: After the footsteps, until the walk counts as stuck [s]
-_PERIOD = 0.02  #: Of the requests for plans [s]
-_BEHIND = 4.0  #: Level ground behind stairs [m]
-_ROUNDING = 1e-6  #: Of the length of the ground [m]
-_LOOK = 1.0  #: Before it walks around something [s]
-_PLANS = 3  #: After so many plans the sensors are blind or shift, or a box appears
-_BEYOND = 0.3  #: How far behind the last riser a walk on sight goes [m]
+_SETTLE = 4.0  #: Time after the footsteps from which the walk counts as stuck [s]
+_PERIOD = 0.02  #: Period of the requests for plans [s]
+_BEHIND = 4.0  #: Length of the level ground behind stairs [m]
+_ROUNDING = 1e-6  #: Rounding tolerance of the length of the ground [m]
+_LOOK = 1.0  #: Time for observation before a detour [s]
+_PLANS = 3  #: Number of plans after which the sensors are blind or shift, or a box appears
+_BEYOND = 0.3  #: Distance of the end of a walk on sight behind the last riser [m]
 
 
-#: By ``amount`` [m] heights are seen too high, from the start until soles correct them (``high``) or from a later
-#: plan on (``shift``); those of the map stay too high (``raised``); the map is too far ahead (``ahead``); its content
-#: moves ahead in a second by whole cells (``drift``); a box appears so far ahead (``appears``). With ``blind`` nothing
-#: is seen for so long [s]
+#: ``high``: measured heights are too high by ``amount`` [m] from the start, until soles correct them; ``shift``: from a
+#: later plan on. ``raised``: the heights of the map stay too high [m]. ``ahead``: the map is too far ahead [m].
+#: ``drift``: its content moves ahead by whole cells [m/s]. ``appears``: a box appears this far ahead [m].
+#: ``blind``: nothing is measured for this time [s]
 Kind = Literal["high", "shift", "raised", "ahead", "drift", "blind", "appears"]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Fault:
-    """A disturbance of what the robot sees."""
+    """Disturbance of the perception of the robot."""
 
     kind: Kind
     amount: float
@@ -52,17 +52,17 @@ class Fault:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Flight:
-    """Stairs, and where the robot has their geometry from."""
+    """Stairs or other ground, and the source of their geometry for the robot."""
 
-    rise: float  #: Of each step [m]
-    seen: bool = False  #: By its own depth camera and lidar; else by its geometry
-    given: bool = False  #: As a map, without sensors
-    count: Annotated[int, Field(ge=0)] | None = None  #: Risers up, rows of stones or tiles; as all stairs when None
-    gap: Positive | None = None  #: Between stones as long as a tread, of heights up to ``rise``; stairs when None [m]
-    tile: Positive | None = None  #: Edge of tiles of heights up to ``rise``; stairs when None [m]
-    box: tuple[Positive, Positive] | None = None  #: Length and width of a box of height ``rise``; on level ground [m]
-    around: bool = False  #: The robot walks around what is in the way
-    fault: Fault | None = None  #: Of its sight
+    rise: float  #: Height of each step [m]
+    seen: bool = False  #: Whether depth camera and lidar map the ground; otherwise its geometry is known
+    given: bool = False  #: Whether the ground is given as a map, without sensors
+    count: Annotated[int, Field(ge=0)] | None = None  #: Risers up, rows of stones or tiles; None: ``count`` of the test
+    gap: Positive | None = None  #: Gap between stones as long as a tread, heights up to ``rise``; stairs when None [m]
+    tile: Positive | None = None  #: Edge length of tiles of heights up to ``rise``; stairs when None [m]
+    box: tuple[Positive, Positive] | None = None  #: Length and width of a box of height ``rise`` on level ground [m]
+    around: bool = False  #: Whether the robot walks around the box
+    fault: Fault | None = None  #: Disturbance of the perception
 
     @property
     def mapped(self) -> bool:
@@ -72,7 +72,7 @@ class Flight:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class StairsConfig:
-    """The test; the unit of every value stands in ``benchmarks/config/stairs.yaml``."""
+    """Settings of the test; the units are in ``benchmarks/config/stairs.yaml``."""
 
     required_share: Share
     tread: Positive
@@ -95,16 +95,16 @@ _config = partial(settings, StairsConfig, "stairs")
 
 
 def climb(robot: str, seed: int, scenario: str) -> Case:
-    """Climb and descend a flight of the settings, by its name (``climb_flight``)."""
+    """Climb and descend a flight of the settings, given its name (``climb_flight``)."""
     config = _config()
     return climb_flight({**config.rises, **config.required, **config.goals}[scenario], robot, seed)
 
 
 def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
-    """Climb and descend one flight; ``distance`` is the way of the base, ``torque`` the largest share of a leg's limit.
+    """Climb and descend one flight; ``distance`` of the base [m], ``torque``: largest share of a leg's limit.
 
-    A walk survives when it does not fall, takes every footstep, and stands behind the stairs; where a box appears, when
-    it stands in front of that with the reason.
+    A walk survives if it does not fall, takes every footstep, and stands behind the stairs. If a box appears, it
+    survives if it stands in front of the box and reports the reason.
     """
     config = _config()
     terrain, way = _ground(flight, config, seed)
@@ -143,7 +143,7 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
         )
     arrived = float(loop.truth.q[0]) > way
     done = gait.route.outcome == "done" and gait.settled and arrived
-    if flight.fault is not None and flight.fault.kind == "appears":  # it stands in front and says so
+    if flight.fault is not None and flight.fault.kind == "appears":  # it stands in front of the box and reports it
         done = gait.settled and not arrived and "higher" in ended
     legs = [joint - 6 for foot in loop.robot.feet for joint in foot.joint_ids_v]
     outcome: Case = {
@@ -161,7 +161,7 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
 
 
 def _ground(flight: Flight, config: StairsConfig, seed: int) -> tuple[Terrain, float]:
-    """The terrain, and the place of its last edge along the way [m]."""
+    """The terrain, and the position of its last edge along the way [m]."""
     count = config.count if flight.count is None else flight.count
     patch = config.seen_ahead if flight.mapped else Terrain("flat").patch
     if flight.box is not None:
@@ -173,7 +173,7 @@ def _ground(flight: Flight, config: StairsConfig, seed: int) -> tuple[Terrain, f
         return Terrain("tiles", flight.rise, flight.tile, patch=patch, length=way + _BEHIND, seed=seed), way
     if flight.gap is not None:
         way = patch + count * (config.tread + flight.gap) + flight.gap
-        length = way + config.tread + _ROUNDING  # one row of stones more
+        length = way + config.tread + _ROUNDING  # one more row of stones
         return Terrain("stones", flight.rise, config.tread, flight.gap, patch=patch, length=length, seed=seed), way
     way = patch + 2.0 * (count - 1) * config.tread + config.landing
     terrain = Terrain("stairs", flight.rise, config.tread, count=count, landing=config.landing, patch=patch)
@@ -191,7 +191,7 @@ def _take(loop: ClosedLoop, steps: Sequence[Footstep]) -> None:
 
 
 class Sight:
-    """What a robot sees of the ground, with a fault."""
+    """The robot's perception of the ground, with a fault."""
 
     def __init__(self, loop: ClosedLoop, fault: Fault | None = None) -> None:
         self._loop, self._kind, self._amount = loop, fault and fault.kind, fault.amount if fault else 0.0
@@ -203,7 +203,7 @@ class Sight:
             loop.plant.obstacle.remove()
 
     def ground(self) -> Heights:
-        """The map of this moment."""
+        """The present map, with the fault."""
         ground = self._loop.ground_view.mapper.ground()
         x, y = ground.corner
         match self._kind:
@@ -214,7 +214,7 @@ class Sight:
         return ground
 
     def update(self, route: GroundRoute) -> None:
-        """Move the map; after some plans the sensors are blind or shift, or a box appears."""
+        """Shift the map; after some plans the sensors are blind or shift, or a box appears."""
         loop, grid = self._loop, self._loop.ground_view.mapper.map
         if self._kind == "drift" and loop.t - self._moved > grid.cell / self._amount:
             self._moved, grid.origin = loop.t, grid.origin + np.array([1, 0])
@@ -234,7 +234,7 @@ def _planner(loop: ClosedLoop) -> GroundPlanner:
 
 
 def walk_around(loop: ClosedLoop, distance: float) -> str:
-    """Walk ahead over level ground [m], and beside what stands on it; empty, or why the robot cannot."""
+    """Walk a distance [m] ahead over level ground and around obstacles; returns why the robot cannot, or empty."""
     loop.run(_LOOK)
     here = middle(loop.gait.footholds)
     goal = Foothold(*here.moved(distance, 0.0), here.yaw, here.z)
@@ -251,7 +251,7 @@ def walk_around(loop: ClosedLoop, distance: float) -> str:
 
 
 def walk_on_sight(loop: ClosedLoop, distance: float, sight: Sight | None = None) -> GroundRoute:
-    """Walk straight ahead on the ground that the robot maps, over a distance [m]; or until it falls or is stuck."""
+    """Walk a distance [m] straight ahead on the mapped ground, until it is done, the robot falls or is stuck."""
     sight = sight or Sight(loop)
     planner, route, config = _planner(loop), GroundRoute(loop.gait, loop.gait), _config()
     loop.run(_PERIOD)
@@ -272,14 +272,14 @@ def walk_on_sight(loop: ClosedLoop, distance: float, sight: Sight | None = None)
 
 
 class StairsBench(SurvivalBenchmark):
-    """The rises that have a bound, or those chosen, once a seed."""
+    """The rises that have a bound, or the chosen ones, once per seed."""
 
     measure = staticmethod(climb)
     required_share, usual = _config().required_share, _config().rises
     required, goals = _config().required, _config().goals
 
     def further(self, name: str, cases: list[Case]) -> dict[str, float]:
-        """The mean ``time_`` of the walks that survived [s], and all trips."""
+        """Mean ``time_`` of the walks that survived [s], and number of trips."""
         times = [case["time"] for case in cases if case["survived"]]
         mean = float(np.mean(times)) if times else float("nan")
         return {f"time_{name}_s": mean, f"trips_{name}": float(sum(case["trips"] for case in cases))}

@@ -1,4 +1,4 @@
-"""Ladders of harder and harder ground, without and with range sensors: up to which level enough walks survive."""
+"""Ladders of increasingly hard ground, without and with range sensors: the level up to which enough walks survive."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -23,22 +23,22 @@ from models.errors import ConfigError
 from models.profile import load_profile
 from models.terrain import terrain_named
 
-SEEN = "_seen"  #: End of the name of a ladder that is walked with range sensors
-COLUMNS = 4  #: Of the picture
+SEEN = "_seen"  #: Suffix of ladders that are walked with range sensors
+COLUMNS = 4  #: Panels in a row of the picture
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Ladder:
-    """One kind of ground, from easy to hard: walked without range sensors, or a flight, which may be seen."""
+    """One kind of ground, from easy to hard: a walk without range sensors, or a flight, with or without them."""
 
     levels: Annotated[tuple[float, ...], Field(min_length=1)]
-    unit: str  #: Of the levels
-    field: str  #: Of the walk, or else of its terrain; set to the level times ``scale``
+    unit: str  #: Unit of the levels
+    field: str  #: Field of the walk, or else of its terrain, that is set to the level times ``scale``
     walk: Condition | Flight
     scale: float = 1.0
 
     def at(self, level: float) -> Condition | Flight:
-        """What is walked at a level."""
+        """The walk at a level."""
         value: dict[str, Any] = {self.field: level * self.scale}
         if isinstance(self.walk, Flight):
             return replace(self.walk, **value)
@@ -49,7 +49,7 @@ class Ladder:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class LadderConfig:
-    """The test; ``benchmarks/config/terrain_ladder.yaml`` describes every value."""
+    """Settings of the test; ``benchmarks/config/terrain_ladder.yaml`` describes every value."""
 
     required_share: Share
     judging_seed: Count
@@ -73,10 +73,10 @@ def ascend(
     share: float,
     measure: Callable[[float, Sequence[int]], Sequence[Case]],
 ) -> list[Case]:
-    """Walk every seed at one level after the other, through the first level at which less than a share survive.
+    """Walk every seed at one level after the other, including the first level at which less than a share survive.
 
-    ``measure`` gives the cases of a level and some seeds. It is asked for no more of them than could all fail until it
-    is certain that the level is not held: that level may end before all of its seeds are walked.
+    ``measure`` returns the cases of a level and some seeds. It is called with no more seeds than the failures that are
+    still needed for the level not to be held, so the last level may end before all of its seeds are walked.
     """
     spare = math.floor((1.0 - share) * len(seeds) + ROUNDING)
     cases: list[Case] = []
@@ -91,7 +91,7 @@ def ascend(
 
 
 def levels_of(cases: Sequence[Case]) -> dict[str, dict[float, tuple[int, int]]]:
-    """How many walks survived, of how many, by ladder and level, in the order of the cases."""
+    """Number of walks that survived, and of all walks, by ladder and level in the order of the cases."""
     found: dict[str, dict[float, tuple[int, int]]] = {}
     for case in cases:
         levels = found.setdefault(case["scenario"], {})
@@ -101,7 +101,7 @@ def levels_of(cases: Sequence[Case]) -> dict[str, dict[float, tuple[int, int]]]:
 
 
 class TerrainLadder(Benchmark):
-    """The ladders that the robot can walk, or those chosen, each up to the first level that is not held."""
+    """The ladders that the robot can walk, or the chosen ones, each up to the first level that is not held."""
 
     measure = staticmethod(walk_level)
 
@@ -124,7 +124,7 @@ class TerrainLadder(Benchmark):
         return self.report(options, cases, self.figures(cases), load)
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Of each ladder the hardest level ``held_`` in its unit, NaN for none; ``survived_`` of ``total_`` a level."""
+        """Hardest level ``held_`` of each ladder in its unit, NaN if none; ``survived_`` of ``total_`` per level."""
         held, counts = dict[str, float](), dict[str, float]()
         share = _config().required_share
         for name, levels in levels_of(cases).items():
@@ -158,7 +158,7 @@ def _sees_ground(robot: str) -> bool:
 
 
 def draw_ladders(reports: Sequence[Report]) -> Figure:
-    """Share survived over level, one panel a kind of ground; dashed with range sensors, labelled below 1."""
+    """Share survived over level, one panel per kind of ground; dashed with range sensors, labelled below 1."""
     config = _config()
     found = {report.who: levels_of(report.cases) for report in reports}
     names = {name: None for levels in found.values() for name in levels}
@@ -182,7 +182,7 @@ def draw_ladders(reports: Sequence[Report]) -> Figure:
 
 
 def _draw_ladder(axes: Axes, levels: Mapping[float, tuple[int, int]], style: str, colour: str, label: str) -> None:
-    """The curve of one ladder; nothing without levels."""
+    """Plot the curve of one ladder; nothing without levels."""
     if not levels:
         return
     shares = [survived / total for survived, total in levels.values()]

@@ -1,4 +1,4 @@
-"""``poise demo --scene stairs``: over ROS 2 a robot climbs and descends a flight that it maps itself."""
+"""``poise demo --scene stairs``: over ROS 2, a robot climbs and descends a flight that it maps with its sensors."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ from planners.nodes.ground_planner import ground_from_message
 from planners.terrain.elevation_map import Heights
 from planners.terrain.ground_route import Answer
 
-_LIES = 0.03  #: Distance from the ground up to which a point of a sole is on it, as it lands tilted [m]
-_DOUBLE = 0.15  #: After the last touchdown, up to which a plan is one from before the foot lifted, nearly [s]
-_SPACING = 0.02  #: Of the points of a sole under which map and ground are compared [m]
+_LIES = 0.03  #: Largest distance of a point of a sole from the ground that it lies on; soles land tilted [m]
+_DOUBLE = 0.15  #: Time after the last touchdown up to which a plan counts as from before lift-off, approximate [s]
+_SPACING = 0.02  #: Spacing of the points of a sole at which map and ground are compared [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -61,19 +61,19 @@ class StairsScene:
 
 
 class Landing(NamedTuple):
-    """A touchdown, and what was known of it before its foot lifted."""
+    """A touchdown, with the foothold and the map that were known before lift-off."""
 
-    t: float  #: [s]
+    t: float  #: Stamp [s]
     foot: int
-    error: tuple[float, float]  #: Of the sole from its planned foothold, along and across [m]
-    lies: bool  #: Whether the whole sole is on the ground, in truth
-    sole: Vector  #: True place (3,) [m]
-    planned: float  #: Height of the map under the sole, on the scale of W by the stance sole [m]
-    errors: Vector  #: Of the map under the sole, from the ground, relative to the stance sole (n,) [m]
+    error: tuple[float, float]  #: Error of the sole from its planned foothold, along and across [m]
+    lies: bool  #: Whether the whole sole is truly on the ground
+    sole: Vector  #: True position of the sole (3,) [m]
+    planned: float  #: Height of the map under the sole in W, relative to the true stance sole [m]
+    errors: Vector  #: Height errors of the map under the sole, relative to the stance sole (n,) [m]
 
 
 class StairsWalk:
-    """Walks to a goal behind the stairs, and keeps maps and footsteps."""
+    """Walks to a goal behind the stairs, and records maps and footsteps."""
 
     def __init__(self, stage: Stage, scene: StairsScene) -> None:
         self._stage, self._scene, node = stage, scene, stage.graph.node
@@ -82,7 +82,7 @@ class StairsWalk:
         self.planned: list[Footsteps] = []
         self.taken: list[tuple[float, Any]] = []  # stamp [s] and pose of each touchdown
         self._walking = False
-        self.delays: list[float] = []  # from light to the footholds planned on it [s]
+        self.delays: list[float] = []  # latency from light to the footholds planned on it [s]
         node.create_subscription(UInt8MultiArray, topics.GROUND_PLAN, self._on_plan, EVENT)
         self._goals = node.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
         subscribe_status(node, RouteStatus, topics.ROUTE_STATUS, self._routes.append)
@@ -92,7 +92,7 @@ class StairsWalk:
         self._margin = node.create_subscription(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
 
     def play(self, distance: float) -> None:
-        """Walk ahead by a distance [m] and stand; ``PoiseError`` when the goal is refused or not reached."""
+        """Walk ahead by a distance [m] and stand. Raises ``PoiseError`` if the goal is refused or not reached."""
         stage, scene = self._stage, self._scene
         stage.watch(lambda: bool(self.maps), scene.map_limit, "no map of the ground arrived")
         start = Foothold(*stage.observer.place)
@@ -124,7 +124,7 @@ class StairsWalk:
         self.taken.append((to_seconds(stamp_ns(pose.header.stamp)), pose))
 
     def landings(self, model: RobotModel, recording: Recording, ground: Ground) -> list[Landing]:
-        """Every touchdown whose foothold and map were known before its foot lifted."""
+        """Touchdowns whose foothold and map were known before lift-off."""
         assert recording.estimate is not None
         maps = [(to_seconds(stamp_ns(each.header.stamp)), ground_from_message(each)) for each in self.maps]
         plans = [(to_seconds(stamp_ns(each.header.stamp)), each) for each in self.planned]
@@ -168,7 +168,7 @@ def _soles(model: RobotModel, q: Vector) -> list[pin.SE3]:
 def _under(
     model: RobotModel, foot: int, true: Sequence[pin.SE3], estimate: Sequence[pin.SE3], heights: Heights
 ) -> tuple[Matrix, Vector]:
-    """True places under a sole (n, 2), and their heights on the map above the other sole (n,) [m]."""
+    """True positions under a sole (n, 2) [m], and their heights on the map above the other sole (n,) [m]."""
     x_min, x_max, y_min, y_max = model.feet[foot].rectangle
     points = np.array([(x, y) for x in np.arange(x_min, x_max, _SPACING) for y in np.arange(y_min, y_max, _SPACING)])
 
@@ -183,7 +183,7 @@ def _under(
 def judge_stairs(
     model: RobotModel, recording: Recording, landings: Sequence[Landing], scene: StairsScene, terrain: Terrain
 ) -> tuple[list[Check], dict[str, float]]:
-    """Checks and figures of a walk over the flight, all against the truth."""
+    """Checks and figures of a walk over the flight, against the true ground; foothold errors by the estimate."""
     heights = np.array([landing.sole[2] for landing in landings])
     errors = np.concatenate([np.zeros(0), *(landing.errors for landing in landings)])
     known = errors[np.isfinite(errors)]
@@ -219,7 +219,7 @@ def judge_stairs(
 
 
 def plot_stairs(recording: Recording, landings: Sequence[Landing], ground: Ground, file: Path) -> Path:
-    """Flight, map and soles from the side, and the errors of each step."""
+    """Plot flight, map and soles from the side, and the errors of each step."""
     figure = new_figure(9.0, 5.0)
     side, below = figure.subplots(2, 1, height_ratios=(2, 1))
     reach = float(recording.q[:, 0].max()) + 0.3
@@ -247,7 +247,7 @@ def plot_stairs(recording: Recording, landings: Sequence[Landing], ground: Groun
 
 
 def cpu_times(pids: Mapping[str, int]) -> dict[str, float]:
-    """Processor time of each process so far, by the last word of its module [s]."""
+    """Processor time of each process so far [s], by the last part of its module name."""
     return {name.rpartition(".")[2]: cpu_time(pid) for name, pid in pids.items()}
 
 
@@ -265,7 +265,7 @@ def demo_stairs(robot: str, out: Path) -> int:
     graph = Graph(robot, specs=process_specs(terrain_map=True), parameters=parameters, log=out / "graph.log", say=say)
     failure, recording, landings = "", None, list[Landing]()
     fast = {"real_time_factor": float("nan")}
-    ending = ExitStack()  # the middleware is left last: it may block
+    ending = ExitStack()  # the middleware is shut down last: it may block
     try:
         ending.enter_context(graph)
         stage = Stage(graph, model, config, say)

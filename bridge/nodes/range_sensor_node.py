@@ -1,4 +1,4 @@
-"""Node ``range_sensor_node``: depth camera and lidar of the simulated robot, cast beside the plant."""
+"""Node ``range_sensor_node``: depth camera and lidar of the simulated robot, in a separate process from the plant."""
 
 import os
 import sys
@@ -38,14 +38,14 @@ class _Output(Schedule[dict[str, Any]]):
         return any(publisher.get_subscription_count() for publisher in self._publishers.values())
 
     def publish(self, stamp: int) -> None:
-        """Publish what has arrived at a stamp [ns]."""
+        """Publish the messages that have arrived by a stamp [ns]."""
         for messages in self.arrived(stamp):
             for topic, message in messages.items():
                 self._publishers[topic].publish(message)
 
 
 class RangeSensorNode(PoiseNode):
-    """Publishes depth pictures and point clouds of the newest true state while subscribed to."""
+    """Publishes depth images and point clouds of the newest true state while there are subscribers."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("range_sensor_node", **kwargs)
@@ -83,12 +83,12 @@ class RangeSensorNode(PoiseNode):
         self._restart()
 
     def _restart(self) -> None:
-        self._stamp = 0  # of the newest state [ns]
+        self._stamp = 0  # stamp of the newest state [ns]
         for output in self._outputs.values():
             output.restart()
 
     def _on_stamp(self, stamp: int) -> None:
-        """Publish what has waited long enough; time that runs backwards is a new run, in which nothing waits."""
+        """Publish messages whose latency has passed; a stamp that goes back begins a new run and drops all messages."""
         if stamp < self._stamp:
             self._restart()
         self._stamp = stamp
@@ -100,7 +100,7 @@ class RangeSensorNode(PoiseNode):
             self._world.obstacle = centre
 
     def _is_due(self, stamp: int) -> bool:
-        """Find out which sensors measure now."""
+        """Select the sensors that measure now; returns whether there are any."""
         self._measured = [name for name, output in self._outputs.items() if output.used and output.due(stamp)]
         if not self._measured:
             self._time.publish(clock_message(stamp))
@@ -118,7 +118,7 @@ class RangeSensorNode(PoiseNode):
         camera = self._depth
         picture = np.round(camera.picture() / DEPTH_UNIT) * DEPTH_UNIT
         picture[~(picture > 0.0)] = np.nan
-        cloud = camera.points(to_seconds(stamp), picture)  # that of the picture as it is sent
+        cloud = camera.points(to_seconds(stamp), picture)  # points of the picture as published
         return {
             topics.DEPTH_INFO: info_message(stamp, camera.intrinsics, DEPTH_FRAME),
             topics.DEPTH_IMAGE: depth_message(stamp, picture),
@@ -136,7 +136,7 @@ class RangeSensorNode(PoiseNode):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node in a separate process, behind those of the robot."""
+    """Run the node in a separate process, with a lower priority than those of the robot."""
     os.nice(NICENESS)
     sys.exit(run([RangeSensorNode], args))
 

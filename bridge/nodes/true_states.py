@@ -1,4 +1,4 @@
-"""True states of a simulated robot, for nodes that simulate what a camera or a lidar sees."""
+"""True states of a simulated robot, for nodes that simulate a camera or a lidar."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,11 +18,11 @@ from models.types import Vector
 
 
 class TrueStates:
-    """Receives the true states that the driver publishes, until the node's ``cleanup``.
+    """Subscribes to the true states of the driver, until ``cleanup`` of the node.
 
-    While the node is active each state of which base and joints have arrived is offered by its stamp [ns] to ``due``,
-    and given with that stamp as a configuration (nq,) to ``on_state`` where it is due. ``on_obstacle`` receives the
-    middle of the terrain's box (3,) [m], and the optional ``on_stamp`` the stamp of each such state, due or not.
+    While the node is active, ``due`` receives the stamp [ns] of each state whose base and joints have arrived. If it is
+    due, ``on_state`` receives the stamp and the configuration (nq,). ``on_obstacle`` receives the middle of the
+    terrain's box (3,) [m]. The optional ``on_stamp`` receives the stamp of each such state, due or not.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class TrueStates:
         self._offer()
 
     def _offer(self) -> None:
-        """Hand on a state once base and joints of the same tick have arrived, in whichever order."""
+        """Offer a state once base and joints of the same tick have arrived, in either order."""
         if not self._odometry or not self._joints or stamp_of(self._odometry) != stamp_of(self._joints):
             return
         stamp = stamp_of(self._joints)

@@ -1,4 +1,4 @@
-"""The simulated depth camera and lidar: rays cast in a copy of the plant's world."""
+"""Simulated depth camera and lidar: rays are cast in a copy of the world of the plant."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -22,24 +22,24 @@ from models.types import Matrix, Vector
 
 Item = TypeVar("Item")
 
-_HIDDEN = mujoco.mjNGROUP - 1  #: Group of geoms that no ray meets
-#: Shares of a turn between two rays of a lidar: the sequence r^-k mod 1, r^3 = r + 1, fills a rectangle evenly and
-#: repeats in no turn (Roberts: The unreasonable effectiveness of quasirandom sequences, 2018)
+_HIDDEN = mujoco.mjNGROUP - 1  #: Group of geoms that rays ignore
+#: Steps of azimuth and elevation between two lidar rays, as shares: r^-k mod 1 with r^3 = r + 1. The sequence fills
+#: a rectangle evenly and repeats in no turn (Roberts: The unreasonable effectiveness of quasirandom sequences, 2018)
 _PATTERN = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 class RayWorld(SeenWorld):
-    """The world that range sensors see."""
+    """World for the ray casts of range sensors."""
 
     def __init__(self, robot: RobotModel, terrain: str | Terrain = FLAT) -> None:
         super().__init__(robot, terrain)
         self._seen: NDArray[np.bool_] = self._model.geom_group != ROBOT_GROUP
 
     def cast(self, frame: str, rays: Matrix, most: float) -> Vector:
-        """Distances (n,) along rays (n, 3) of a frame, in their lengths, at least up to ``most``; else inf.
+        """Distances (n,) along rays (n, 3) of a frame, in units of the ray lengths, at least up to ``most``; else inf.
 
-        A sensor does not see the link that it is mounted on, as from inside a housing. Geoms beyond the reach or
-        beside the cone of the rays are left out first: MuJoCo would try every ray with each of them.
+        The link that carries the sensor is invisible to it, as from inside a housing. Geoms beyond the reach or outside
+        the cone of the rays are excluded first, since MuJoCo would test every ray against each of them.
         """
         model, data = self._model, self._data
         site = int(model.site(frame).id)
@@ -67,7 +67,7 @@ class RayWorld(SeenWorld):
         return near
 
     def _in_cone(self, position: Vector, axes: Matrix, cosine: float) -> NDArray[np.bool_]:
-        """Whether the bounding sphere of a geom meets the cone about z with a cosine of half its angle (ngeom,)."""
+        """Whether the bounding sphere of each geom meets the cone about z; ``cosine`` is of its half angle (ngeom,)."""
         half = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
         offset = (self._data.geom_xpos - position) @ axes
         distance = np.linalg.norm(offset, axis=1)
@@ -79,7 +79,7 @@ class RayWorld(SeenWorld):
 
 
 class _SimulatedRange:
-    """One sensor in a ``RayWorld``; ``noise`` is a factor on the profile's errors, ``seed`` that of their generator."""
+    """One sensor in a ``RayWorld``; ``noise`` scales the errors of the profile, ``seed`` is that of their generator."""
 
     def __init__(self, world: RayWorld, frame: str, config: RangeSensor, stream: int, seed: int, noise: float) -> None:
         self._world, self._frame, self._limits = world, frame, config
@@ -87,15 +87,15 @@ class _SimulatedRange:
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
-        """Restart the errors; a seed replaces the present one."""
+        """Restart the error generator; a seed replaces the present one."""
         self._seed = self._seed if seed is None else seed
-        self._rng = np.random.default_rng((self._seed, self._stream))  # apart from those of the other sensors
+        self._rng = np.random.default_rng((self._seed, self._stream))  # independent of the other sensors
         turn = self._noise * self._limits.misalignment * self._rng.standard_normal(3)
         self._mount: Matrix = pin.exp3(turn)  # true rotation of the sensor in its frame (3, 3)
         self._scale = 1.0 + self._noise * self._limits.scale * float(self._rng.standard_normal())
 
     def _measure(self, rays: Matrix) -> Vector:
-        """Measured distances along rays (n, 3), in their lengths; nan where nothing is in range."""
+        """Measured distances (n,) along rays (n, 3), in units of their lengths; nan if nothing is in range."""
         limits = self._limits
         distances = self._world.cast(self._frame, rays @ self._mount.T, limits.range_max)
         distances[~((distances >= limits.range_min) & (distances <= limits.range_max))] = np.nan
@@ -117,23 +117,23 @@ class SimulatedDepthCamera(_SimulatedRange):
         super().__init__(world, DEPTH_FRAME, config, 2, seed, noise)
 
     def picture(self) -> Matrix:
-        """Distance along the optical axis for each pixel (height, width) [m]; nan where none was measured."""
+        """Depth along the optical axis of each pixel (height, width) [m]; nan if none was measured."""
         pinhole = self.intrinsics
         return self._measure(self._rays).reshape(pinhole.height, pinhole.width)
 
     def cloud(self, t: float) -> PointCloud:
-        """Points of a picture that is taken now, with a stamp [s]."""
+        """Point cloud of a picture taken now, with a stamp [s]."""
         return self.points(t, self.picture())
 
     def points(self, t: float, picture: Matrix) -> PointCloud:
-        """Points of a picture (height, width) [m] with a stamp [s]; pixels that are nan have none."""
+        """Point cloud of a picture (height, width) [m], with a stamp [s]; nan pixels are left out."""
         depth = picture.ravel()
         seen = np.isfinite(depth)
         return PointCloud(t, DEPTH_FRAME, self._rays[seen] * depth[seen, None])
 
 
 class SimulatedLidar(_SimulatedRange):
-    """The lidar of a profile, every turn at one instant; raises ``ConfigError`` for a robot without one."""
+    """The lidar of a profile, with every turn at one instant; raises ``ConfigError`` for a robot without one."""
 
     def __init__(self, world: RayWorld, seed: int = 0, noise: float = 1.0) -> None:
         config = world.robot.profile.sensors.lidar
@@ -162,9 +162,9 @@ class SimulatedLidar(_SimulatedRange):
 
 
 class Schedule(Generic[Item]):
-    """When a sensor measures, and what it has measured until that arrives, ``latency`` later; stamps in [ns].
+    """Measurement times of a sensor, and a queue of measurements until they arrive ``latency`` later; stamps in [ns].
 
-    ``phase`` shifts the periods by a share of them [-].
+    ``phase`` shifts the periods by a share of their length [-].
     """
 
     def __init__(self, sensor: RangeSensor, phase: float = 0.0) -> None:
@@ -173,15 +173,15 @@ class Schedule(Generic[Item]):
         self.restart()
 
     def restart(self) -> None:
-        """Drop what waits; the next stamp is due."""
+        """Drop waiting measurements; the next stamp is due."""
         self.due = Due(self._period, self._phase)
         self._waiting: deque[tuple[int, Item]] = deque()
 
     def hold(self, stamp: int, item: Item) -> None:
-        """Keep what was measured at a stamp."""
+        """Queue the measurement of a stamp."""
         self._waiting.append((stamp + self._latency, item))
 
     def arrived(self, stamp: int) -> Iterator[Item]:
-        """What has arrived by a stamp, the oldest first."""
+        """Measurements that have arrived by a stamp, oldest first."""
         while self._waiting and self._waiting[0][0] <= stamp:
             yield self._waiting.popleft()[1]
