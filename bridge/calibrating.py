@@ -31,7 +31,7 @@ class Calibrator:
         self._planner: MotionPlanner | None = None
 
     def run(self, what: str) -> CommandReply:
-        """Calibrate 'imu', 'joints' or 'feet', with effect from the next start; returns numbers or a refusal."""
+        """Calibrate 'imu', 'joints' or 'feet' for the next start; the reply has the results or a refusal."""
         lockstep = self._lockstep
         ready = lockstep.hanging or lockstep.stack.mode is Mode.STAND
         if not ready:
@@ -64,7 +64,7 @@ class Calibrator:
         return self._jig if hanging else lambda: self._move("calibrate_joints")
 
     def _wait(self, time: float) -> str:
-        """Run for a time [s]; returns the failure, empty without one."""
+        """Run for a time [s]; returns the reason of a failure, otherwise empty."""
         lockstep = self._lockstep
         for _ in range(round(time / lockstep.plant.period)):
             lockstep.step()
@@ -84,7 +84,7 @@ class Calibrator:
         return ""
 
     def _move(self, motion: str) -> str:
-        """Run a motion to its end; returns the failure."""
+        """Run a motion to its end; returns the reason of a failure, otherwise empty."""
         self._planner = self._planner or MotionPlanner(self._robot, extra=calibration_motions())
         motion = variant(motion, self._robot.name, self._planner.names)
         try:

@@ -41,48 +41,48 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         read sensors -> estimator -> supervisor -> controller -> delay line -> joint servo -> physics
 
     The laws receive ``SensorData`` only. A command computed from the sensors of tick k reaches the drivers in tick
-    k + delay_s / timestep (rounded): the delay line represents the latency of measurements and commands together. The
-    drivers read their encoders without delay.
+    k + delay_s / timestep (rounded): the delay line models the total latency of measurements and commands. The drivers
+    read their encoders without delay.
 
-    At construction and on ``reset``, the base is held with the robot in its 'stand' posture while the sensors are
-    averaged, the estimator starts and the controller takes over. The base is released once the feet bear the weight, so
-    that a run starts at a time of about 1 s in mode 'stand'. The same arguments and calls give bit-identical runs.
+    At construction and on ``reset``, the base is held with the robot in its 'stand' posture. Meanwhile the sensors are
+    averaged, the estimator starts and the controller takes over. The base is released once the feet bear the weight.
+    A run therefore starts at about 1 s in mode 'stand'. The same arguments and calls give bit-identical runs.
 
     Args:
         robot: Name or path of a profile, or a loaded ``RobotModel``.
         seed: Seed of the sensor noise.
         terrain: The ground, or its name in ``models/config/terrain.yaml``.
-        friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
-        expected_friction: The coefficient that the laws expect at the start [-]; the profile's when None.
-        payload_kg: Mass at the torso that is not in the laws' model [kg].
+        friction: Coulomb coefficient of sole on floor [-]; from the profile when None.
+        expected_friction: Coefficient that the laws assume at the start [-]; from the profile when None.
+        payload_kg: Mass at the torso that the model of the laws does not include [kg].
         sensor_noise: True for the noise of the robot's profile, False for exact sensors, or a factor on the noise.
-        delay_s: From measurement to the arrival of its command in the drivers [s]; the profile's when None (2 ms).
+        delay_s: Latency from a measurement to its command in the drivers [s]; from the profile when None (2 ms).
         timestep: Physics and driver tick [s].
         control_period_s: Tick of estimator and controller [s], a multiple of ``timestep``.
         estimate: 'sensors', or 'truth' to replace the estimator by the true state, for tuning and diagnosis only.
         record: Keep a log.
-        record_period_s: Time between two rows of the log [s]; that of ``bridge/config/closed_loop.yaml`` when None.
+        record_period_s: Time between two rows of the log [s]; from ``bridge/config/closed_loop.yaml`` when None.
         visuals: Load meshes for pictures.
         controller: Whole-body law to use instead of a new ``BalanceController``.
         stack: Control stack to use instead of a new ``ControlStack`` with ``controller``, ``gait`` and ``calibration``.
         drivers: Joint drivers.
-        gait: Settings of the gait; those of the robot when None.
-        config: Start-up, scoring and log settings; the packaged ones when None.
+        gait: Settings of the gait; from the robot when None.
+        config: Start-up, scoring and log settings; the packaged defaults when None.
         sensor_errors: Sensor errors in addition to those of profile and seed; ``sensor_noise`` does not scale them.
         calibration: Calibration of the sensors; optional.
         faults: Faults of sensors and motors, injected at the release of the base by default; see ``docs/faults.md``.
         obstacle_stop: Whether a walk stops when the scanner of the robot detects ``plant.obstacle`` ahead.
-        terrain_map: Whether depth camera and lidar map the ground; the map is that of ``ground_view.mapper``.
-        given_map: Heights of the ground that the map takes where it is not seen.
+        terrain_map: Whether depth camera and lidar map the ground; ``ground_view.mapper`` holds the map.
+        given_map: Ground heights that the map uses where the ground has not been seen.
         start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
-        black_box: Folder for the files of a black box, one for each fault that damps the robot; optional.
-        mcap: File for a recording that ``poise replay`` reproduces, complete at ``close``; optional. ``reset`` restarts
-            the recording. Needs the messages of ROS 2.
+        black_box: Folder of the black box, with one file for each fault that damps the robot; optional.
+        mcap: File for a recording that ``poise replay`` reproduces, complete after ``close``; optional. ``reset``
+            restarts the recording. Requires the messages of ROS 2.
         world: World shared with other robots, see ``bridge/shared_world.py``; a new one when None.
         name: Name of the robot in that world.
 
-    Raises ``ConfigError`` for an argument out of range, ``RobotModelError`` when the robot cannot be loaded,
-    ``PoiseError`` when the preflight checks fail, or the feet of the held robot do not take its weight.
+    Raises ``ConfigError`` for an argument out of range, ``RobotModelError`` when the robot cannot be loaded, and
+    ``PoiseError`` when the preflight checks fail or the feet of the held robot do not take its weight.
     """
 
     def __init__(
@@ -213,12 +213,12 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
 
     @property
     def fallen(self) -> bool:
-        """Whether the robot has fallen, by the true state; ``fall_reason`` is the kind of fall."""
+        """Whether the robot has fallen, from the true state; ``fall_reason`` is the kind of fall."""
         return self._lockstep.monitor.fallen
 
     @property
     def fall_reason(self) -> str:
-        """Kind of fall; empty before one."""
+        """Kind of fall; empty before a fall."""
         return self._lockstep.monitor.reason
 
     @property
@@ -279,7 +279,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         return self.plant.data
 
     def reset(self, seed: int | None = None) -> None:
-        """Reset to the state of a new loop; a seed replaces the present one."""
+        """Reset to the state of a new loop; ``seed``, if given, replaces the current seed."""
         self._clear(seed)
         self._lockstep.start(seed)
 
@@ -306,7 +306,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         self.stack.calibration = calibration
 
     def calibrate(self, what: str) -> CommandReply:
-        """Calibrate 'imu', 'joints' or 'feet' with the motions they need; in effect from the next ``reset`` on."""
+        """Calibrate 'imu', 'joints' or 'feet', with the required motions; takes effect at the next ``reset``."""
         reply = self._calibrator.run(what)
         self._note(f"calibrate {what[:32]}: {reply.reason}")
         return reply
@@ -317,7 +317,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
             self.step()
 
     def command(self, text: str) -> CommandReply:
-        """Execute a text command (wave, squat, walk, forward, stop, ...); a refusal has the reason."""
+        """Execute a text command (wave, squat, walk, forward, stop, ...); a refused reply gives the reason."""
         reply = self.stack.command(text)
         self._note(f"{text[:32]}: {reply.reason}")
         return reply
@@ -359,7 +359,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         return self.plant.faults.clear()
 
     def close(self) -> None:
-        """Complete the recording, if there is one; nothing more is written to it."""
+        """Complete the recording, if any; nothing more is written to it."""
         if self._recorder is not None:
             self._recorder.close()
 
@@ -373,11 +373,11 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         self.after_physics()
 
     def before_physics(self) -> None:
-        """First part of a tick: laws and drivers. For ``SharedWorld``, which moves the world of several robots."""
+        """First part of a tick: laws and drivers. ``SharedWorld`` then advances the physics of several robots."""
         self._lockstep.before_physics()
 
     def after_physics(self) -> None:
-        """Last part of a tick, once the world has moved."""
+        """Last part of a tick, after the physics."""
         self._lockstep.after_physics()
         if self._guard is not None:
             self._guard.step()

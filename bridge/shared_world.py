@@ -11,18 +11,18 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain
 
-#: Options of ``ClosedLoop`` for one robot only: two would write the same file, or share the state of a law
+#: Options of ``ClosedLoop`` for one robot only: several robots would write one file or share the state of a law
 OF_ONE = ("calibration", "controller", "mcap")
 
 
 class SharedWorld:
     """A ``ClosedLoop`` for each robot, all in one ``MujocoWorld``.
 
-    In a tick the laws of every robot process its sensors, then the world moves once. The loops start one after the
-    other; ``step`` or ``run`` of one loop moves that robot alone, and the others stand still as if no time passed.
+    In a tick, the laws of every robot process the sensors of that robot; then the physics advances once. The loops
+    start one after the other. ``step`` or ``run`` of one loop advances only that robot; the others are frozen.
 
-    Each robot gets the next seed. ``options`` are for every ``ClosedLoop``, none of ``OF_ONE``; the other arguments are
-    those of ``MujocoWorld``. Raises ``ConfigError`` and ``PoiseError`` as these two.
+    Each robot gets the next seed. ``options`` are passed to every ``ClosedLoop``; those in ``OF_ONE`` need a single
+    robot. The other arguments are those of ``MujocoWorld``. Raises ``ConfigError`` and ``PoiseError`` as both classes.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class SharedWorld:
             loop.after_physics()
 
     def run(self, duration: float) -> None:
-        """Run for a simulated time [s], rounded to ticks; ``ConfigError`` when it is no valid time."""
+        """Run for a simulated time [s], rounded to ticks; ``ConfigError`` when it is negative or not finite."""
         if not 0.0 <= duration < float("inf"):
             raise ConfigError(f"duration: {duration} s is not a time")
         for _ in range(round(duration / self.world.period)):

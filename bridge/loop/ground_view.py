@@ -1,4 +1,4 @@
-"""Depth camera, lidar and terrain mapper beside the closed loop, at their rates and with their latencies."""
+"""Depth camera, lidar and terrain mapper for the closed loop, with their rates and latencies."""
 
 import time
 from collections.abc import Callable
@@ -14,16 +14,16 @@ from planners.terrain.mapper import Posture, TerrainMapper
 
 
 class GroundView:
-    """Casts the rays of a robot's range sensors from its true state, and maps them with its estimate.
+    """Casts the rays of the range sensors from the true state of the robot, and maps them with the estimated state.
 
-    The mapper takes what is not seen from ``given`` heights; without ``sees`` there are no sensors.
+    Where nothing has been seen, the mapper uses ``given`` heights. There are no sensors when ``sees`` is False.
 
     Attributes:
-        mapper: The law.
+        mapper: The terrain mapper.
         blind: Whether the sensors measure nothing.
-        delays: From the light of each cloud to its map: the configured latency up to the next tick, and the processor
-            time of the update; without the transport of messages [s].
-        costs: Processor time of each update by the frame of its sensor [s].
+        delays: Latency from measurement to map, for each cloud [s]: configured latency, rounded up to a tick, and
+            processor time of the update. The transport of messages is not included.
+        costs: Processor time of each update [s], by sensor frame.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class GroundView:
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget the ground; a seed replaces the present one. ``blind`` stays."""
+        """Clear the map; ``seed``, if given, replaces the current seed. ``blind`` is kept."""
         self.mapper.reset()
         self.delays: list[float] = []
         self.costs: dict[str, list[float]] = {}
@@ -60,7 +60,7 @@ class GroundView:
             sensor.reset(seed)
 
     def step(self) -> None:
-        """Measure what is due after a tick, and map what has arrived."""
+        """Take the measurements that are due after a tick, and map the clouds that have arrived."""
         t = self._lockstep.plant.t
         stamp = round(NANOSECONDS * t)
         for sensor, schedule in zip(self._sensors, self._schedules, strict=True):

@@ -35,8 +35,8 @@ class _Feet(NamedTuple):
     rotations: Matrix  # of all sites (nsite, 9)
     sites: NDArray[np.int64]  # of the soles (2,)
     radius: Vector  # from the origin of each sole to its farthest corner (2,) [m]
-    load: float  # from which a foot stands [N]
-    standing: Vector  # 1 where a foot took load, else 0 (2,)
+    load: float  # threshold from which a foot stands [N]
+    standing: Vector  # 1 where a foot is loaded, else 0 (2,)
     anchor: Matrix  # x, y, yaw of each sole when it last took load (2, 3)
     slip: Vector  # (2,) [m]
 
@@ -61,7 +61,7 @@ def _measure_slip(wrenches: Matrix, feet: Unboxed[_Feet]) -> None:
 
 @njit(cache=True)
 def _limb_on_floor(pairs: NDArray[np.int32], is_floor: NDArray[np.bool_], is_limb: NDArray[np.bool_]) -> int:
-    """Geom of a limb in contact with the floor, among pairs of geoms (ncon, 2); -1 when there is none."""
+    """First limb geom in contact with the floor, from pairs of geoms in contact (ncon, 2); -1 if there is none."""
     for k in range(pairs.shape[0]):
         for i in range(2):
             if is_floor[pairs[k, i]] and is_limb[pairs[k, 1 - i]]:
@@ -72,13 +72,13 @@ def _limb_on_floor(pairs: NDArray[np.int32], is_floor: NDArray[np.bool_], is_lim
 class PlantMonitor:
     """Detects falls and slip of stance feet.
 
-    Fallen, until ``reset``: the base is lower over the ground than ``fall_height`` of its height at ``reset``, or
-    tilted more than ``fall_tilt``, or anything but a sole touches the floor. The ground is that under the base, or
-    under a sole where that is lower: going down stairs, the base is over the upper tread.
+    The robot counts as fallen, until ``reset``, when the height of the base over the ground is below ``fall_height``
+    times the height at ``reset``, the base is tilted more than ``fall_tilt``, or anything but a sole touches the floor.
+    The ground is taken under the base, or under a sole if lower: down stairs, the base is over the upper tread.
 
-    Slip of a foot, from the pose of its sole when the foot last took load: |p_xy - p_xy,0| + |yaw - yaw_0| r, with r
-    the distance from the sole's origin to the farthest corner. ``foot_slip`` is the largest since ``reset`` (2,) [m];
-    ``reason`` is the kind of fall, empty before one.
+    Slip of a foot is |p_xy - p_xy,0| + |yaw - yaw_0| r. The pose of the sole when the foot last took load has index 0;
+    r is the distance from the origin of the sole to its farthest corner. ``foot_slip`` is the largest slip since
+    ``reset`` (2,) [m]; ``reason`` is the kind of fall, empty before a fall.
     """
 
     def __init__(self, plant: MujocoPlant, config: LoopConfig) -> None:
@@ -93,11 +93,11 @@ class PlantMonitor:
         self.foot_slip, self._standing, anchor = np.zeros(2), np.zeros(2), np.zeros((2, 3))
         places, state = (plant.data.site_xpos, plant.data.site_xmat), (self._standing, anchor, self.foot_slip)
         self._feet = unbox(_Feet(*places, sites, radius, load, *state))
-        self._grounds = model.geom_bodyid == 0, is_limb  # which geoms are floor, and which may not touch it (ngeom,)
+        self._grounds = model.geom_bodyid == 0, is_limb  # floor, and what must not touch it (ngeom,)
         self.reset()
 
     def reset(self) -> None:
-        """Start over; the present height of the base becomes the standing height."""
+        """Clear fall and slip; the present height of the base becomes the standing height."""
         self.fallen = False
         self.reason = ""
         self.foot_slip[:] = self._standing[:] = 0.0
@@ -128,19 +128,19 @@ class PlantMonitor:
         return ""
 
     def _height_over_ground(self, x: float | None = None, y: float | None = None) -> float:
-        """Height of the base over the ground under a point of W, by default under itself [m]."""
+        """Height of the base over the ground at a point of W, by default under the base [m]."""
         base_x, base_y, z = (float(value) for value in self._plant.data.qpos[self._plant.mujoco.qpos][:3])
         return z - self._plant.ground.height(base_x if x is None else x, base_y if y is None else y)
 
 
 class Lockstep:
-    """The laws and the plant, advanced together.
+    """Advances the laws and the plant together.
 
-    ``control_ticks`` are physics ticks per tick of the laws, ``delay_ticks`` from a measurement to the arrival of its
-    command in the drivers. ``note`` takes the text of each event; ``after_tick`` is called at the end of every tick;
-    ``listener``, optional, takes every sample as measured. ``stamp`` is that of the tick in which the stack received
-    its last sample [ns], ``tick`` counts from when the controller took over, and ``hanging`` is whether only the
-    drivers run.
+    ``control_ticks`` is the number of physics ticks in a tick of the laws, ``delay_ticks`` the number from a
+    measurement to its command in the drivers. ``note`` is called with the text of each event, ``after_tick`` at the
+    end of every tick, and the optional ``listener`` with every measured sample. ``stamp`` is the time of the tick in
+    which the stack received its last sample [ns], ``tick`` counts physics ticks since the controller took over, and
+    ``hanging`` is True while only the drivers run.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class Lockstep:
         self._queue: deque[tuple[int, JointCommand]] = deque()
 
     def start(self, seed: int | None = None) -> None:
-        """Reset, start the stack, and release once the feet bear the weight; ``PoiseError`` if that fails."""
+        """Reset, start the stack, and release the base once the feet bear the weight; ``PoiseError`` if that fails."""
         plant, config = self.plant, self._config
         self._reset(seed)
         sensors = self._hang_and_average()
@@ -259,7 +259,7 @@ class Lockstep:
         self._drive(sensors)
 
     def after_physics(self) -> None:
-        """Last part of a tick, once the world has moved."""
+        """Last part of a tick, after the physics."""
         self.tick += 1
         if not self.hanging:
             self._after_tick()
@@ -290,7 +290,7 @@ class Lockstep:
             self._note(f"mode {mode.value}" + (f": {'; '.join(faults)}" if faults else ""))
 
     def _drive(self, sensors: SensorData) -> None:
-        """Run the drivers on corrected encoders; the plant receives positions of the uncorrected ones."""
+        """Run the drivers on corrected encoders; the command to the plant refers to the uncorrected encoders."""
         sensors = correct_encoders(sensors, self._encoder_offsets)
         command = self.servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
         self.plant.write(encoder_command(command, self._encoder_offsets))

@@ -1,4 +1,4 @@
-"""Records of a closed loop: a row of numbers a sample, and a black box that is written after a fault."""
+"""Records of a closed loop: a log with one row for each sample, and a black box that is written after a fault."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _MODES = tuple(Mode)
 
 
 class LoopLog:
-    """Samples of a run; ``log.com`` and the like are (n, width) views, ``log.t`` and other scalars (n,).
+    """Samples of a run; vector columns such as ``log.com`` are (n, width) views, scalars such as ``log.t`` are (n,).
 
     Columns: ``t`` [s]; ``com`` (3), ``dcm`` (2), ``zmp`` (2) [m] as estimated and commanded by the controller;
-    ``true_com`` (3) [m], ``true_q`` (nq), ``true_v`` (nv) in Pinocchio's order; ``estimate_q`` (nq), ``estimate_v``
-    (nv); ``tau`` (nj) [N.m] as applied; ``wrenches`` (12) true ground reactions, left then right, each in its sole
-    frame [N, N.m]; ``planned_wrenches`` (12) those of the QP; ``footholds`` (4), x and y of both soles as planned by
-    the gait, in the frame of the estimate [m]; ``swing``, the planned swing foot (0 left, 1 right, -1 none);
-    ``residual`` [1]; ``solve_time`` [s], the one column that differs between two runs of the same seed; ``status`` and
+    ``true_com`` (3) [m], ``true_q`` (nq), ``true_v`` (nv) in Pinocchio order; ``estimate_q`` (nq), ``estimate_v``
+    (nv); applied torques ``tau`` (nj) [N.m]; ``wrenches`` (12), the true ground reactions, left then right, each in the
+    sole frame [N, N.m]; ``planned_wrenches`` (12), the same from the QP; ``footholds`` (4), x and y of both soles as
+    planned by the gait, in the frame of the estimate [m]; ``swing``, the planned swing foot (0 left, 1 right, -1 none);
+    ``residual`` [1]; ``solve_time`` [s], the only column that differs between two runs with one seed; ``status`` and
     ``mode`` as indices, see ``statuses`` and ``modes``.
     """
 
@@ -122,7 +122,7 @@ class LoopLog:
         row[at["mode"]] = _MODES.index(mode)
 
     def add_truth(self, truth: RobotState, true_com: Vector) -> Vector:
-        """Append a row of true values alone, and return it."""
+        """Append a row with true values only, and return it."""
         if self._count == len(self._rows):
             self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
         row: Vector = self._rows[self._count]
@@ -144,7 +144,7 @@ class LoopLog:
 
 
 class LoopBlackBox:
-    """Writes the ring ``box`` and the ``events`` to a new one of ``files`` when a fault ends an active mode."""
+    """Writes the ring buffer ``box`` and the ``events`` to a new file when a fault ends an active mode."""
 
     def __init__(self, stack: ControlStack, folder: Path, events: Sequence[tuple[float, str]]) -> None:
         self._stack, self._events = stack, events
@@ -163,7 +163,7 @@ class LoopBlackBox:
             self._before, self._due = Mode.OFF, None
         result = stack.result if mode in ACTIVE_MODES else None
         self.box.add(stack.state, stack.raw, result, mode, lockstep.stamp)
-        pending = stack.log is not None and stack.log.pending  # inputs since the tick, which the next note repeats
+        pending = stack.log is not None and stack.log.pending  # inputs since the tick; the next note contains them
         if result is not None and stack.scheduled is not None and not pending:
             self.box.checkpoint()
         if self._before in ACTIVE_MODES and mode in (Mode.DAMP, Mode.OFF) and supervisor.faults:
@@ -177,7 +177,7 @@ class LoopBlackBox:
 
 
 def make_recorder(robot: RobotModel, path: Path, *, replayable: bool) -> LoopRecorder:
-    """Recorder of a loop; ``ConfigError`` unless its run can be replayed, ``PoiseError`` without ROS 2's messages."""
+    """Recorder of a loop; ``ConfigError`` unless the run can be replayed, ``PoiseError`` without messages of ROS 2."""
     if not replayable:
         raise ConfigError("mcap: only a run on its sensors and with the robot's own laws can be replayed")
     try:

@@ -1,4 +1,4 @@
-"""Scanner and obstacle stop between a commanded velocity and the gait, in the closed loop."""
+"""Scanner and obstacle stop of the closed loop, between the commanded velocity and the gait."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ LIMIT_PERIOD = 0.02  #: Update period of the velocity, as in the graph [s]
 
 
 class ObstacleGuard:
-    """Receives velocities in place of the gait, passes on what the obstacle stop allows, and says why in ``reason``."""
+    """Limits velocity commands to the gait by the obstacle stop; ``reason`` is the cause of the limit."""
 
     def __init__(self, lockstep: Lockstep, seed: int, noise: float, note: Callable[[str], None]) -> None:
         self._lockstep, self._note = lockstep, note
@@ -20,7 +20,7 @@ class ObstacleGuard:
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
-        """Discard command and scans; a seed replaces the present one."""
+        """Discard command and scans; ``seed``, if given, replaces the current seed."""
         self.law.reset()
         self.scanner.reset(seed)
         self.reason = ""
@@ -35,7 +35,7 @@ class ObstacleGuard:
         self._limit()
 
     def stop(self) -> None:
-        """Come to a standstill."""
+        """Stop the walk."""
         self._wanted = self._given = STILL
         self._lockstep.stack.stop()
 
@@ -55,7 +55,7 @@ class ObstacleGuard:
                 self.law.update(scan)
 
     def _limit(self) -> None:
-        """Pass on changes of the allowed velocity; a mode other than 'walk' discards the command."""
+        """Send the allowed velocity to the gait when it changes; outside mode 'walk' the command is discarded."""
         if self._lockstep.stack.mode is not Mode.WALK:
             self._wanted = self._given = STILL
         allowed, reason = self.law.limit(self._wanted, self._t)

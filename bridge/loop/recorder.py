@@ -1,4 +1,4 @@
-"""Writes a run of the closed loop as the topics of the graph, with all inputs of a replay; needs no graph."""
+"""Records a run of the closed loop as topics of the graph, with all inputs of a replay; no graph is needed."""
 
 import zlib
 from pathlib import Path
@@ -21,13 +21,13 @@ from models.nodes.odometry import OdometryCodec
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import ControlResult, JointTrajectory, Mode, RobotState, SensorData
 
-ODOMETRY_PERIOD = 0.01  #: Time between two odometries, estimated and true, as in the graph [s]
+ODOMETRY_PERIOD = 0.01  #: Period of the estimated and the true odometry, as in the graph [s]
 
 
 class LoopRecorder:
-    """Converts the events of ``Lockstep`` to messages; a new start begins the file anew, which appears at ``close``.
+    """Converts the events of ``Lockstep`` to messages; a new start discards them, ``close`` completes the file.
 
-    The time of the log is that of the tick; ``header.stamp`` of the sensors is the sampling time, which differs with
+    Log times are those of the ticks; ``header.stamp`` of the sensors is the sampling time, which is earlier with
     latency. Sensors are as the laws received them: calibrated, and with the injected faults. ``PoiseError`` when the
     file cannot be written.
     """
@@ -63,7 +63,7 @@ class LoopRecorder:
         self._add(topic, bytes(serialize_message(String(data=text))), stamp)
 
     def start(self) -> None:
-        """The estimator has started; an earlier run is dropped."""
+        """Begin a run when the estimator starts; an earlier run is discarded."""
         if self._log is None:
             return
         if self._now:
@@ -71,7 +71,7 @@ class LoopRecorder:
             self._log = self._begin()
 
     def motion(self, trajectory: JointTrajectory) -> int:
-        """A law has begun to follow a motion; returns the number for its note."""
+        """Record a motion that a law begins to follow; returns its identifier for the note."""
         data = bytes(serialize_message(trajectory_to_message(trajectory)))
         self._add(topics.MOTION_TRAJECTORY, data, self._now)
         return zlib.crc32(data)
@@ -89,7 +89,7 @@ class LoopRecorder:
         mode: Mode,
         note: str,
     ) -> None:
-        """Record a tick: truth, input and output of the estimator, result of the law, and its inputs ``note``."""
+        """Record a tick: true state, input and output of the estimator, result of the law, and its inputs ``note``."""
         if self._log is None:
             return
         self._now = now = to_ns(plant.t)
@@ -111,7 +111,7 @@ class LoopRecorder:
             self._add(topics.GROUND_TRUTH, self._odometry.encode(now, plant.truth), now)
 
     def close(self) -> dict[str, int]:
-        """Complete the file and move it to its path; returns the messages by topic. Later calls write nothing."""
+        """Complete the file and move it to its path; returns message counts by topic. Later calls write nothing."""
         if self._log is None:
             return {}
         log, self._log = self._log, None
