@@ -29,7 +29,7 @@ from planners.whole_body_ik import arms
 
 @config_dataclass(frozen=True, slots=True, config=STRICT)
 class TrialConfig:
-    """Schema of ``bridge/config/check_robot.yaml``, which has the units."""
+    """Schema of ``bridge/config/check_robot.yaml``; units are given there."""
 
     stand_time: Positive
     pause: Positive
@@ -48,7 +48,7 @@ class TrialConfig:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One trial; ``detail`` has the figures, or the cause of the failure."""
+    """Result of one trial; ``detail`` holds the figures, or the cause of the failure."""
 
     name: str
     passed: bool
@@ -56,7 +56,7 @@ class Trial:
 
 
 class Trials:
-    """Runs the trials in one loop, and in a new one after a fall; ``seed`` is that of the sensor noise."""
+    """Runs the trials in one loop, and in a new one after a fall; ``seed`` is the seed of the sensor noise."""
 
     def __init__(self, model: RobotModel, config: TrialConfig, seed: int = 0) -> None:
         self._model, self._config, self._seed = model, config, seed
@@ -66,7 +66,7 @@ class Trials:
 
     @property
     def limits(self) -> list[str]:
-        """What limits the walk of the robot, and to what."""
+        """Limits on the walk of the robot, each with its value."""
         gait = load_gait_config(self._model)
         velocity, texts = gait.velocity, {"crouch": f"{100.0 * gait.pace.slow.crouch:.1f} cm"}
         texts |= {name: f"{getattr(velocity, name):.2f} m/s" for name in ("forward", "backward", "lateral")}
@@ -156,7 +156,7 @@ class Trials:
         return True, f"{way:.2f} m in {steps} steps at {speed:.2f} m/s, {self._effort(loop)}"
 
     def _push(self, loop: ClosedLoop) -> tuple[bool, str]:
-        """From behind, from the right, from the front, from the left."""
+        """Push the robot from behind, from the right, from the front and from the left."""
         size, duration = self._config.push, self._config.push_time
         for angle in np.radians((0.0, 90.0, 180.0, 270.0)).tolist():
             force = self._model.mass * size / duration
@@ -181,7 +181,7 @@ class Trials:
         return f"'{self._model.joint_names[joint]}' at {100.0 * shares[:, joint].max():.0f} % of its torque"
 
     def _why(self, loop: ClosedLoop, otherwise: str) -> str:
-        """Faults, kind of fall, or ``otherwise``; and the first joint at its torque limit in the trial."""
+        """Cause of a failure: faults, kind of fall, or ``otherwise``; and the first joint at its torque limit."""
         shares = np.abs(loop.log.tau) / self._model.tau_max
         end = next((i for i, mode in enumerate(loop.log.modes) if mode is Mode.DAMP), len(shares))
         reasons = list(loop.faults) or ([loop.fall_reason] if loop.fallen else [otherwise])
@@ -195,14 +195,14 @@ class Trials:
         return "; ".join(reasons)
 
 
-NEEDED = ("stand", "wave")  #: Required trials, of those that the robot can be put to
+NEEDED = ("stand", "wave")  #: Required trials, as far as the robot can perform them
 _PLANNED = ("squat", "wave")  #: Motions that a standing posture should allow
-_LISTED = 4  #: Names that a cell of the table lists
+_LISTED = 4  #: Maximum number of names in a cell of the table
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result for a robot: proposal, files written (the profile first), trials, and limits that they met."""
+    """Result for a robot: proposal, written files (the profile first), trials, and the limits found (``notes``)."""
 
     proposal: Proposal
     files: tuple[Path, ...]
@@ -225,10 +225,10 @@ class Verdict:
 def check_robot(
     urdf: Path, out: Path, packages: Sequence[Path] = (), *, overwrite: bool = False, seed: int = 0
 ) -> Verdict:
-    """Propose a profile for a URDF or MJCF, write it to ``out``, over a file only with ``overwrite``, and try it."""
+    """Propose a profile for a URDF or MJCF, write it to ``out``, and try it; ``overwrite`` replaces a file."""
     if out.exists() and not overwrite:
         raise ConfigError(f"{out}: exists already: give another name with --out, or --overwrite")
-    with warnings.catch_warnings(record=True, action="always") as caught:  # of shapes that are left out
+    with warnings.catch_warnings(record=True, action="always") as caught:  # warnings about omitted shapes
         proposal, files = propose_profile(urdf, out, packages)
         model = RobotModel.load(files[0])
         trials = Trials(model, default_config(TrialConfig, "bridge", "check_robot"), seed)
@@ -242,7 +242,7 @@ def check_robot(
 
 
 def propose_profile(urdf: Path, out: Path, packages: Sequence[Path]) -> tuple[Proposal, list[Path]]:
-    """Propose with the place of the hands from which the motions can be planned largest; the first one of equals."""
+    """Propose a profile with the first hand position that allows the largest motions; returns it with its files."""
     config = default_config(ProposalConfig, "models", "proposal")
     found: list[tuple[float, Proposal]] = []
     for hand in config.posture.hands:
@@ -257,7 +257,7 @@ def propose_profile(urdf: Path, out: Path, packages: Sequence[Path]) -> tuple[Pr
 
 
 def _size(model: RobotModel) -> float:
-    """Share of the motions' size that can be planned; 0 where one cannot."""
+    """Smallest feasible scale of the planned motions, at most 1; 0 when one cannot be planned."""
     try:
         planner = MotionPlanner(model)
         return min(planner.plan_sized(motion, model.posture("stand"))[1] for motion in _PLANNED)
@@ -274,7 +274,7 @@ def _draw(model: RobotModel) -> Trial:
 
 
 def shortened(culprit: str) -> str:
-    """The first few of many names; the head of the profile lists all."""
+    """The first few of many names; the header of the profile lists all."""
     names = culprit.split(", ")
     more = len(names) - _LISTED
     return culprit if more < 2 else f"{', '.join(names[:_LISTED])} and {more} more"

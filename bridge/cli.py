@@ -1,4 +1,4 @@
-"""``poise``: the command line. Modules are imported by the command that needs them, so that help is immediate."""
+"""``poise``: the command line. Each command imports the modules that it needs, so that help appears at once."""
 
 import os
 from pathlib import Path
@@ -15,15 +15,15 @@ from models.numerics.threads import use_one_thread
 
 ENTRY_POINTS = "poise.commands"  #: Entry points of further commands, such as ``poise bench``
 
-# One thread per process, set before anything numerical is imported; pictures without a display.
+# One thread per process, set before numerical libraries are imported; MuJoCo renders without a display.
 use_one_thread()
 os.environ.setdefault("MUJOCO_GL", "egl")
 
 
 class _Commands(TyperGroup):
-    """Commands of poise, and those registered by other packages, which load when one is run or listed.
+    """Commands of poise and of other packages; the latter are loaded from entry points on demand.
 
-    An error of poise ends a command in one line, with status 2.
+    A ``PoiseError`` ends a command with its text in one line and exit status 2.
     """
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -198,7 +198,7 @@ def up(
     terrain_named(terrain)
     several = inhabitants(robots, place or (), motions)
     for each in [one.robot for one in several.values()] or [robot]:
-        load_profile(each)  # else every node refuses it, half a minute later
+        load_profile(each)  # otherwise every node refuses it half a minute later
     own = {} if motions is None or several else own_motions(robot, motions)
     if several and namespace:
         raise typer.BadParameter("--robots names the namespaces: --namespace goes with one robot")
@@ -241,12 +241,12 @@ def up(
                 "--speed, --lockstep and --camera go with a simulated robot; poise rehearse has an own --speed"
             )
     elif network_interface or at_end or robot_domain is not None or robot_rate is not None:
-        find_plant(plant)  # it may be misspelt
+        find_plant(plant)  # reports a misspelt name first
         raise typer.BadParameter(
             "--network-interface, --robot-domain, --robot-rate and --at-end go with --plant " + " or ".join(PLANTS)
         )
     if calibration is None and not sensor_errors:
-        calibration = calibration_directory() / plant.replace(":", ".")  # a simulated robot has its own
+        calibration = calibration_directory() / plant.replace(":", ".")  # one folder for each plant
     given = {"sensor_errors": sensor_errors, "faults.plan": faults, "plant_options": plant_options}
     driver = {"plant": plant, "terrain": terrain, "speed": speed, "real_time": real_time} | {
         k: text for k, text in given.items() if text

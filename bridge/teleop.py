@@ -51,7 +51,7 @@ class TeleopConfig:
 
 
 KEYS_MAX = 64  #: Keys that are read at a time [-]
-SLACK = 1e-3  #: Rounding accepted at a limit, in parts of a step [-]
+SLACK = 1e-3  #: Rounding error accepted at a limit, as a fraction of a step [-]
 #: Axis and sign of each move
 _MOVES: Mapping[str, tuple[Axis, int]] = {
     "forward": ("forward", 1),
@@ -64,7 +64,7 @@ _MOVES: Mapping[str, tuple[Axis, int]] = {
 
 
 class KeyLaw:
-    """A velocity that keys change by steps, within the limits of the gait."""
+    """Velocity command that keys change in steps, within the limits of the gait."""
 
     def __init__(self, config: TeleopConfig, limits: Mapping[Axis, tuple[float, float]]) -> None:
         self._config = config
@@ -98,7 +98,7 @@ class KeyLaw:
         return size["forward"], size["left"], size["turn"]
 
     def _at_limit(self, axis: Axis, sign: int) -> bool:
-        """Whether the last step in a direction has come to the limit; it may be a shorter one."""
+        """Whether the velocity is at its limit in a direction; the last step may be shorter than the others."""
         low, high, step = self._ranges[axis]
         value, slack = self._steps[axis] * step, SLACK * step
         return value >= high - slack if sign > 0 else value <= low + slack
@@ -106,7 +106,7 @@ class KeyLaw:
 
 @contextmanager
 def keyboard(stream: IO[str] = sys.stdin) -> Iterator[int]:
-    """Terminal without echo and line buffer; yields its descriptor. ``PoiseError`` if ``stream`` is no terminal."""
+    """Disable echo and line buffering of a terminal; yields its descriptor. ``PoiseError`` for any other stream."""
     if not stream.isatty():
         raise PoiseError("poise teleop reads keys from a terminal, and this is none; --gamepad needs none")
     descriptor = stream.fileno()
@@ -128,15 +128,15 @@ def read_keys(descriptor: int) -> str:
 
 
 EVENT = struct.Struct("<IhBB")  #: ``struct js_event``: time [ms], value, type, number (linux/joystick.h)
-BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80  #: Types of events; the last is added to those of the initial state
+BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80  #: Event types; ``INITIAL`` is a flag of events that report the initial state
 FULL = 32767.0  #: Value of a full deflection [-]
 
 
 class Gamepad:
     """Reads a joystick device, such as ``/dev/input/js0``, without blocking.
 
-    Sticks give parts of the limits: forward and left are positive (REP-103). A stick that is deflected at the start
-    counts once it has been released. Raises ``PoiseError`` when the device cannot be opened.
+    The deflection of a stick scales the velocity limit; forward and left are positive (REP-103). A stick that is
+    deflected at the start is ignored until it is released. Raises ``PoiseError`` when the device cannot be opened.
     """
 
     def __init__(self, device: Path, config: GamepadConfig, limits: Mapping[Axis, tuple[float, float]]) -> None:
@@ -174,7 +174,7 @@ class Gamepad:
 
     def _along(self, axis: Axis) -> float:
         number = self._config.axes[axis]
-        deflection = -self._deflection.get(number, 0.0)  # pads count backward and right as positive
+        deflection = -self._deflection.get(number, 0.0)  # backward and right are positive on gamepads
         if number not in self._centred or abs(deflection) < self._config.deadband:
             return 0.0
         low, high = self._limits[axis]
@@ -191,7 +191,7 @@ class Gamepad:
         raise PoiseError(f"{self._device} is no gamepad, or it is gone: it has no more events; try /dev/input/js0")
 
 
-#: Actions other than words of the robot, and the word for the second: it also ends motions
+#: Actions that are no text commands, and the command that ``HALT`` sends: it also ends motions
 QUIT, HALT, STOP = "quit", "halt", "stop"
 
 
@@ -206,10 +206,10 @@ def teleop(
 ) -> None:
     """Steer the running robot as ``teleop`` until Ctrl-C or the key that quits.
 
-    ``robot`` is the profile with the limits, by name or path, that of the graph when empty; with ``network`` it may run
-    on another machine. ``gamepad`` is its device; None uses the keys of the terminal. ``signer`` None sends words
-    unsigned; ``say`` takes lines for the terminal. Raises ``PoiseError`` when terminal, robot or gamepad is missing or
-    disappears.
+    ``robot`` is the profile with the limits, by name or path; when empty, the profile of the graph. With ``network``
+    the robot may run on another machine. ``gamepad`` is a device; None uses the keys of the terminal. Text commands are
+    unsigned when ``signer`` is None; ``say`` prints a line on the terminal. Raises ``PoiseError`` when terminal, robot
+    or gamepad is missing or disappears.
     """
     config = default_config(TeleopConfig, "bridge", "teleop")
     stop = Stop()
@@ -224,7 +224,7 @@ def teleop(
         else:
             say("  ".join(f"{'space' if key == ' ' else key}: {meaning}" for key, meaning in config.keys.items()))
         operator = Operator(client, say, signer)
-        stack.callback(operator.leave)  # in any case: zero, then silence
+        stack.callback(operator.leave)  # on every exit: replaces a commanded velocity by zero
         shown: tuple[str, str, Velocity] | None = None
         while not stop.requested:
             now = time.monotonic()

@@ -32,14 +32,14 @@ COLOURS = {"CoM": "#1b6ca8", "DCM": "#d1495b", "ZMP": "#66a182"}
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of a size [inch] that needs no display."""
+    """Empty figure of a size [inch], without a display."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def plot_run(model: RobotModel, recording: Recording, stability: Stability, folder: Path) -> list[Path]:
-    """Draw the plots of one run into ``folder``; ``stability`` is from ``analyse``. Returns the files."""
+    """Draw the plots of one run into ``folder`` and return the files; ``stability`` is the result of ``analyse``."""
     folder.mkdir(parents=True, exist_ok=True)
     balance, torques = folder / "balance.png", folder / "torques.png"
     _balance(model, recording, stability).savefig(balance, dpi=110)
@@ -47,11 +47,11 @@ def plot_run(model: RobotModel, recording: Recording, stability: Stability, fold
     return [balance, torques]
 
 
-NEAR = 0.02  #: Time between two events that share a label, as a share of that of the plot [-]
+NEAR = 0.02  #: Maximum time between two events that share a label, as a fraction of the plotted time [-]
 
 
 def _mark_events(axes: Axes, recording: Recording, *, text: bool = False) -> None:
-    """Draw the events as lines; with ``text`` their names, those of nearly the same time together."""
+    """Draw the events as lines; with ``text``, also their names. Events at nearly the same time share a label."""
     labels: list[tuple[float, list[str]]] = []
     for time, name in recording.events:
         axes.axvline(time, color="0.75", linewidth=0.8, zorder=0)
@@ -114,7 +114,7 @@ def _torques(model: RobotModel, recording: Recording) -> Figure:
     return figure
 
 
-LANDED = 0.5  #: Share of the weight on a foot that makes a footstep of it [-]
+LANDED = 0.5  #: Fraction of the weight on a foot from which it counts as a footstep [-]
 
 
 def footsteps(model: RobotModel, recording: Recording) -> list[tuple[int, Matrix]]:
@@ -131,7 +131,7 @@ def footsteps(model: RobotModel, recording: Recording) -> list[tuple[int, Matrix
 
 
 def plot_walk(model: RobotModel, recording: Recording, folder: Path) -> Path:
-    """Draw the walking part of a run, from the beginning of the walk on; returns the file."""
+    """Draw the walking part of a run; returns the file."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "walk.png"
     _balance(model, recording, analyse(model, recording)).savefig(file, dpi=110)
@@ -140,8 +140,8 @@ def plot_walk(model: RobotModel, recording: Recording, folder: Path) -> Path:
 
 RECORD_ROWS, BOX_ROWS = 3000, 1000  #: Maximum number of rows for balance and torques
 JOINTS = 5  #: Number of joints drawn: farthest from the command, or nearest to the torque limit
-_COLOURS = ("#7b4fa3", "#c98a1b")  #: Of left and right foot
-_MS = 1e-6  #: Of a nanosecond [ms]
+_COLOURS = ("#7b4fa3", "#c98a1b")  #: Colours of left and right foot
+_MS = 1e-6  #: One nanosecond [ms]
 
 
 def plot_record(run: RecordedRun, folder: Path) -> list[Path]:
@@ -155,7 +155,7 @@ def plot_record(run: RecordedRun, folder: Path) -> list[Path]:
 
 
 def as_recording(run: RecordedRun) -> Recording:
-    """Rows of a recording with the true base, else the estimated one; ``PoiseError`` without either."""
+    """Rows of a recording with the true base, or the estimated base without it; ``PoiseError`` without either."""
     bases = run.truths or run.estimates
     stamps = sorted(set(bases) & set(run.joints))
     if not stamps:
@@ -234,7 +234,7 @@ def _record_overview(run: RecordedRun, file: Path) -> Path:
 
 
 def plot_black_box(model: RobotModel, record: BlackBoxRecord, folder: Path) -> list[Path]:
-    """Draw a black box into ``folder``; returns the files. ``PoiseError`` when it is empty or of another robot."""
+    """Draw a black box into ``folder``; returns the files. ``PoiseError`` for an empty one or another robot."""
     if record.joint_names != model.joint_names:
         raise PoiseError(f"the black box is of a robot '{record.robot}' with other joints than '{model.name}'")
     if len(record.t) == 0:
@@ -280,7 +280,7 @@ def _box_overview(model: RobotModel, record: BlackBoxRecord, file: Path) -> Path
 
 
 def _draw_status(axes: Axes, record: BlackBoxRecord) -> None:
-    """Solver status, better ones higher, the lowest for no command; and the modes."""
+    """Draw the modes and the solver status: a better status is higher, the lowest value means no command."""
     statuses = list(SolveStatus)
     levels = ["none", *(status.value.replace("_", " ") for status in reversed(statuses))]
     heights = np.where(record.status < 0, 0, len(statuses) - record.status)

@@ -15,7 +15,7 @@ from models.types import Matrix, Vector
 
 
 def support_polygon(corners: Sequence[Matrix]) -> Matrix:
-    """Convex hull of soles' corners (k, 2 or more) in W, counter-clockwise (n, 2) [m]; ``ValueError`` below three."""
+    """Convex hull of sole corners (k, 2 or more) in W, counter-clockwise (n, 2) [m]; ``ValueError`` below three."""
     points = np.vstack([np.asarray(sole)[:, :2] for sole in corners])
     if len(points) < 3:
         raise ValueError(f"a support polygon needs three corners, found {len(points)}")
@@ -36,27 +36,27 @@ def margin(polygon: Matrix, point: Vector) -> float:
 
 
 def distance_along(polygon: Matrix, point: Vector, direction: Vector) -> float:
-    """Distance from a point inside a counter-clockwise polygon to its edge along a unit direction [m], or 0."""
+    """Distance from a point inside a counter-clockwise polygon to its edge along a unit direction [m], at least 0."""
     normals, offsets = _outward(polygon)
     slack = offsets - normals @ point[:2]
     rate = normals @ direction[:2]
-    ahead = rate > 1e-12  # edges that the ray moves towards; 1e-12: parallel to rounding
+    ahead = rate > 1e-12  # edges that the ray approaches; below 1e-12 it is parallel within rounding
     return float(max(0.0, np.min(slack[ahead] / rate[ahead])))
 
 
-LOADED_FRACTION = 0.02  #: Share of the weight on both feet below which the robot is in flight [-]
+LOADED_FRACTION = 0.02  #: Fraction of the weight on both feet below which the robot is in flight [-]
 FLOOR_GAP = 0.005  #: Height above the lower sole up to which a sole is on the floor, loaded or not [m]
 
-LEAST_HEIGHT = 0.1  #: Least CoM height of the pendulum; below it the robot lies on the floor [m]
+LEAST_HEIGHT = 0.1  #: Least CoM height of the pendulum [m]; below it the robot lies on the floor
 
 
 @dataclass(frozen=True, slots=True)
 class Balance:
     """Balance of one state; W is the world frame, the floor is at the height of the lower sole.
 
-    With ``w = sqrt(g / z)`` and the CoM at the height z over the floor, the divergent component of motion is ``xi = c +
-    cdot / w``; the centre of pressure is where the ground reaction F has no horizontal moment: with its moment M about
-    the origin of W and the floor at the height h, ``p = (h F_x - M_y, h F_y + M_x) / F_z``.
+    The CoM c is at height z over the floor. The divergent component of motion is ``xi = c + cdot / w``, with
+    ``w = sqrt(g / z)``. At the centre of pressure p the ground reaction F has no horizontal moment. With the moment M
+    of F about the origin of W and the floor height h, ``p = (h F_x - M_y, h F_y + M_x) / F_z``.
     """
 
     com: Vector  #: CoM in W (3,) [m]
@@ -108,7 +108,7 @@ class Stability:
 
 
 def analyse(model: RobotModel, recording: Recording) -> Stability:
-    """Balance of every sample of a recording, one row each."""
+    """Compute the balance of every sample of a recording, one row each."""
     data = model.data()
     rows = [
         balance(model, data, q, v, wrenches)
@@ -120,7 +120,7 @@ def analyse(model: RobotModel, recording: Recording) -> Stability:
 
 
 def _margin(row: Balance) -> float:
-    """Distance from the DCM to the edge of the soles on the floor [m]; NaN in flight."""
+    """Margin of the DCM in the support polygon of the soles on the floor [m]; NaN in flight."""
     if np.isnan(row.cop).any():
         return np.nan
     heights = row.soles[:, 2]
@@ -128,11 +128,11 @@ def _margin(row: Balance) -> float:
 
 
 def stability_figures(stability: Stability, rest_s: float = 1.0) -> dict[str, float]:
-    """Figures of a run; ``rest_s`` is the rest at its beginning and end that is averaged [s].
+    """Figures of a run; ``rest_s`` is the averaging time at its start and at its end [s].
 
-    Returns ``com_drift_m`` (horizontal distance of the mean CoM at the end from that at the start),
+    Returns ``com_drift_m`` (horizontal distance between the mean CoM at the end and at the start),
     ``dcm_excursion_max_m`` (largest distance of the DCM from its mean at the start), ``capture_margin_min_m`` and
-    ``sole_motion_max_m`` (largest distance of a sole from its start).
+    ``sole_motion_max_m`` (largest distance of a sole from its initial position).
     """
     t = stability.t
     first, last = t <= t[0] + rest_s, t >= t[-1] - rest_s

@@ -23,7 +23,7 @@ Namespace = Annotated[str, typer.Option(help="Namespace of the robot, such as ro
 
 
 def console(**options: Any) -> Console:
-    """Console of rich, which is imported only by commands that print."""
+    """Create a rich console; rich is imported only by commands that print."""
     from rich.console import Console
 
     return Console(**options)
@@ -58,7 +58,7 @@ def print_reply(reply: CommandReply) -> int:
 
 
 def signer_of(key: Path | None, source: str = "teleop") -> Signer | None:
-    """Signer of a source's commands; None without a key."""
+    """Signer of the commands of a source; None without a key."""
     if key is None:
         return None
     from controllers.commands.command_signature import Signer, read_key
@@ -68,7 +68,7 @@ def signer_of(key: Path | None, source: str = "teleop") -> Signer | None:
 
 @contextmanager
 def connected(network: bool, namespace: str, key: Path | None = None, source: str = "teleop") -> Iterator[Client]:
-    """Client of the running robot, which signs with a key."""
+    """Client of the running robot; it signs text commands when a key is given."""
     signer = signer_of(key, source)
     need_ros()
     from bridge.ros.client import Client

@@ -1,4 +1,4 @@
-"""``poise record``, ``replay``, ``plot``, ``export`` and ``log``: runs in files, run again, drawn, as a data set."""
+"""``poise record``, ``replay``, ``plot``, ``export`` and ``log``: record runs, replay, plot and export them."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ def black_box(
     last: Annotated[float, typer.Option(min=0.0, help="Draw so many seconds of its end.")] = 60.0,
     robot: Annotated[str, typer.Option(help="Robot profile, by name or path; the one it names by default.")] = "",
 ) -> None:
-    """Draw what a black box holds of the last seconds before a fault, and say why it was written."""
+    """Draw the last seconds before a fault from a black box, and print why it was written."""
     from bridge.analysis.plots import plot_black_box
     from controllers.recording.black_box_file import BlackBoxRecord
     from models.robot_model import RobotModel

@@ -15,12 +15,12 @@ from models.nodes import topics
 MODE_SERVICES = {
     **{word: f"mode/{word}" for word in ("off", "damp", "stand", "walk")},
     **{word: word for word in ("estop", "reset_faults")},
-}  #: Services of ``poise mode`` by their word
+}  #: Service of each word of ``poise mode``
 #: Words of ``poise start``
 START_STEPS = tuple(name.removeprefix(topics.START) for name in topics.START_SERVICES)
-STOPS = ("damp", "estop")  #: May be repeated, and must be quick
+STOPS = ("damp", "estop")  #: Requests that may be repeated and are sent without delay
 CALIBRATIONS = ("imu", "joints", "feet", "show", "rollback")  #: Words of ``poise calibrate``
-CALIBRATION_TIMEOUT = 400.0  #: Longest wait for a calibration [s]; the estimator gives up before
+CALIBRATION_TIMEOUT = 400.0  #: Longest wait for a calibration [s]; the timeout of the estimator is shorter
 
 
 def mode(
@@ -61,19 +61,19 @@ def start(
             while client.wait(_typed, float("inf")) and sys.stdin.readline():
                 try:
                     print_reply(client.trigger(service, at_once=step in STOPS))
-                except PoiseError as error:  # the next request may be answered
+                except PoiseError as error:  # the next request may succeed
                     say(f"{error}\nuse the remote controller; Enter tries again")
             raise typer.Exit
         raise typer.Exit(print_reply(client.trigger(service, at_once=step in STOPS)))
 
 
 def _typed() -> bool:
-    """Whether a line waits at the standard input."""
+    """Whether a line is available on the standard input."""
     return bool(select.select([sys.stdin], [], [], 0.0)[0])
 
 
 def status(network: Network = False, namespace: Namespace = "") -> None:
-    """Say what the running robot does, what is wrong, and what to do next."""
+    """Print what the running robot does, what is wrong, and what to do next."""
     with connected(network, namespace) as client:
         from bridge.ros.client import overview
 

@@ -50,13 +50,13 @@ LABELS = {
     "real_time_factor": ("simulated over real time", 1.0, ""),
 }
 
-CPU = "cpu_"  #: Beginning of the figures of processor time over that of the robot, by process
-SLOW = 0.9  #: Simulated over real time below which the report says why
+CPU = "cpu_"  #: Prefix of the figures of processor time over robot time, one for each process
+SLOW = 0.9  #: Ratio of simulated to real time below which the report gives the cause [-]
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One criterion; ``detail`` has the measured number, or the cause of the failure."""
+    """One criterion; ``detail`` is the measured value, or the cause of the failure."""
 
     name: str
     passed: bool
@@ -64,7 +64,7 @@ class Check:
 
 
 def judge(model: RobotModel, recording: Recording, config: DemoConfig) -> tuple[list[Check], Stability]:
-    """Check each motion, the push and standing against the true motion; also returns the balance of the run."""
+    """Check motions, push and standing by the true motion of the robot; returns the checks and the balance."""
     stability = analyse(model, recording)
     figures = stability_figures(stability, config.pause)
     starts = {text.split()[0]: time for time, text in reversed(recording.events)}  # the first of each name
@@ -86,7 +86,7 @@ def judge(model: RobotModel, recording: Recording, config: DemoConfig) -> tuple[
 
 
 def judge_speed(figures: dict[str, float], config: DemoConfig) -> Check:
-    """Check that the scenario ran in real time by ``figures["real_time_factor"]``, which is NaN when it did not end."""
+    """Check that the scenario ran in real time; ``figures["real_time_factor"]`` is NaN when it did not end."""
     factor = figures["real_time_factor"]
     cause = "; simulated time waited: other programs used the processor, or it is slow" if factor < SLOW else ""
     return Check("real time", factor >= config.real_time_min, f"{factor:.2f} of real time{cause}")
@@ -113,7 +113,7 @@ def _judge_part(
 
 
 def fell(configurations: Matrix, height: float) -> bool:
-    """Whether the base of a robot with a standing height [m] was ever at knee height or lower."""
+    """Whether the base was ever at knee height or lower; ``height`` is the standing height [m]."""
     return bool((configurations[:, 2] <= 0.7 * height).any())
 
 
@@ -154,7 +154,7 @@ def print_report(
 def write_report(
     file: Path, robot: str, checks: list[Check], stable: dict[str, float], fast: dict[str, float], passed: bool
 ) -> None:
-    """Write everything that ``print_report`` shows as JSON; numbers that are not finite become null."""
+    """Write the content of ``print_report`` as JSON; numbers that are not finite become null."""
     figures = {name: value if math.isfinite(value) else None for name, value in {**stable, **fast}.items()}
     listed = [{"name": check.name, "passed": check.passed, "detail": check.detail} for check in checks]
     report = {"robot": robot, "passed": passed, "checks": listed, "figures": figures}
@@ -171,7 +171,7 @@ def conclude(
     fast: dict[str, float],
     ending: ExitStack,
 ) -> int:
-    """Print and write the report, and leave the middleware, which may block; exit code of the demonstration."""
+    """Print and write the report, then close ``ending`` (the middleware), which may block; returns the exit code."""
     passed = all(check.passed for check in checks)
     print_report(console, robot, checks, stable, fast)
     write_report(out / "report.json", robot, checks, stable, fast, passed)
@@ -185,9 +185,9 @@ def conclude(
 def judge_walk(model: RobotModel, recording: Recording, config: DemoConfig) -> tuple[list[Check], dict[str, float]]:
     """Check the walk along the square with all its steps, and measure the drift.
 
-    ``recording`` begins at the event ``walk``. Returns checks of the square, the wave and the push on it, the stop and
-    the drift; and ``walked_m``, ``drift_m`` (true against estimated displacement from start to end), ``drift_percent``
-    of the distance, and ``closure_m``.
+    ``recording`` begins at the event ``walk``. Returns the checks of the square, the wave and the push during the walk,
+    the stop and the drift; and the figures ``walked_m``, ``drift_m`` (difference of true and estimated displacement
+    from start to end), ``drift_percent`` of the distance, and ``closure_m``.
     """
     data = model.data()
     places = np.array([sole_middle(model, data, q) for q in recording.q])  # (n, 3)
@@ -198,7 +198,7 @@ def judge_walk(model: RobotModel, recording: Recording, config: DemoConfig) -> t
     square = (
         closure < config.closure_limit
         and abs(turn - 2.0 * np.pi) < config.turn_tolerance
-        and bool((size > 0.8 * config.square_side).all())  # 0.8: rounded corners, but all four sides
+        and bool((size > 0.8 * config.square_side).all())  # 0.8 accepts rounded corners and detects a missing side
     )
     detail = f"{walked:.2f} m and {np.degrees(turn):.0f} deg; ends {100 * closure:.1f} cm from where it began"
     checks = [Check(WALK, square and not fell(recording.q, recording.q[0, 2]), detail)]
@@ -218,7 +218,7 @@ def judge_walk(model: RobotModel, recording: Recording, config: DemoConfig) -> t
 
 
 def _distances(recording: Recording, places: Matrix) -> dict[str, float]:
-    steps = np.linalg.norm(np.diff(places[:, :2][::50], axis=0), axis=1)  # every half second: without sway
+    steps = np.linalg.norm(np.diff(places[:, :2][::50], axis=0), axis=1)  # every half second, to exclude the sway
     walked = float(steps.sum())
     drift = np.nan
     if recording.estimate is not None:
@@ -234,12 +234,12 @@ def _distances(recording: Recording, places: Matrix) -> dict[str, float]:
 
 
 def _seen_from(place: Vector, points: Matrix) -> Matrix:
-    """Points (n, >= 2) in the frame of a place (x, y, heading) (n, 2) [m]."""
+    """Transform points (n, >= 2) to the frame of a place (x, y, heading); returns (n, 2) [m]."""
     return turned(points[:, :2] - place[:2], -place[2])
 
 
 def _part(recording: Recording, name: str) -> Recording | None:
-    """Part from an event to the next one, or to the end; None without the event."""
+    """Part of a recording from an event to the next one, or to the end; None without the event."""
     starts = [time for time, text in recording.events if text.startswith(name)]
     if not starts:
         return None
@@ -258,7 +258,7 @@ def _judge_wave(model: RobotModel, part: Recording, config: DemoConfig) -> tuple
 
 def _judge_push(model: RobotModel, part: Recording, height: float, config: DemoConfig) -> tuple[bool, str]:
     impulse = abs(config.walk_push) * model.mass
-    shown = part.between(part.t[0], part.t[0] + 0.5)  # within half a second the push is over but not yet compensated
+    shown = part.between(part.t[0], part.t[0] + 0.5)  # half a second: the push has ended and is not yet compensated
     speeds = np.linalg.norm(analyse(model, shown).com_velocity[:, :2], axis=1)
     rise = float(speeds.max() - speeds[0])
     text = f"{impulse:.0f} N.s, CoM {rise:.2f} m/s faster, walked on"

@@ -25,7 +25,7 @@ from models.types import Mode
 
 
 class Demo:
-    """The scenario, played on a running graph and recorded; ``say`` takes one line about each step."""
+    """Plays the scenario on a running graph and records it; ``say`` is called with one line about each step."""
 
     def __init__(self, graph: Graph, model: RobotModel, config: DemoConfig, say: Callable[[str], object]) -> None:
         self._stage = Stage(graph, model, config, say)
@@ -37,7 +37,7 @@ class Demo:
         self._real_time_factor = float("nan")
 
     def play(self) -> None:
-        """Play the whole scenario; ``PoiseError`` names a step that fails."""
+        """Play the whole scenario; a ``PoiseError`` names the step that failed."""
         stage, config = self._stage, self._stage.config
         stage.graph.wait_standing(config.start_limit)
         stage.watch(lambda: stage.observer.ready, config.start_limit, "no ground truth or no estimate arrived")
@@ -55,7 +55,7 @@ class Demo:
             raise PoiseError(f"the robot does not stand at the end: mode '{stage.graph.mode}'")
 
     def recording(self) -> Recording:
-        """The run so far."""
+        """Recording of the run so far."""
         return self._stage.observer.recording(self._stage.events)
 
     def close(self) -> None:
@@ -113,7 +113,7 @@ def latency_figures(file: Path) -> dict[str, float]:
 
 
 def demo(robot: str = "g1", out: Path = Path("out")) -> int:
-    """Run the demonstration on a profile, with all files in ``out``; returns 0 when every check passed, otherwise 1."""
+    """Run the demonstration and write all files to ``out``; returns 0 when every check passed, otherwise 1."""
     console = Console()
     config = default_config(DemoConfig, "bridge", "demo")
     say = timed(console)
@@ -126,7 +126,7 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
     fast: dict[str, float] = {}
     say(f"{model.name}: {model.nj} joints, {model.mass:.1f} kg; log: {out / 'graph.log'}")
     graph = Graph(robot, parameters=parameters, log=out / "graph.log", say=say)
-    ending = ExitStack()  # the middleware is left last: it may block
+    ending = ExitStack()  # the middleware is shut down last: it may block
     try:
         ending.enter_context(graph)
         played = Demo(graph, model, config, say)

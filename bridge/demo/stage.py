@@ -57,13 +57,13 @@ class DemoConfig:
 
 
 def timed(console: Console) -> Callable[[str], None]:
-    """Function that prints a line with the time since now [s]."""
+    """Return a function that prints a line with the time since this call [s]."""
     begin = time.monotonic()
     return lambda text: console.print(f"[dim]{time.monotonic() - begin:6.1f} s[/dim]  {text}", highlight=False)
 
 
 class Stage:
-    """A running graph, observed; ``say`` takes one line about each step, ``events`` are stamps [s] and texts."""
+    """A running graph with its observer; ``say`` gets one line for each step, ``events`` are stamps [s] and texts."""
 
     def __init__(self, graph: Graph, model: RobotModel, config: DemoConfig, say: Callable[[str], object]) -> None:
         self.graph, self.model, self.config, self.say = graph, model, config, say
@@ -72,7 +72,7 @@ class Stage:
         self._push = graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
 
     def watch(self, condition: Callable[[], bool], timeout: float, otherwise: str) -> None:
-        """Observe until a condition is met; ``PoiseError`` after ``timeout`` [s], or when the robot stops."""
+        """Observe until a condition is met; ``PoiseError`` after ``timeout`` [s] or a stall, and in 'damp' or 'off'."""
         stamp, advanced = self.observer.stamp, time.monotonic()
         end = stamp + timeout
         while not condition():
@@ -86,7 +86,7 @@ class Stage:
             self.observer.poll()
 
     def pause(self, duration: float) -> None:
-        """Observe for a time of the robot [s]."""
+        """Observe for a time on the clock of the robot [s]."""
         end = self.observer.stamp + duration
         self.watch(lambda: self.observer.stamp >= end, duration + 1.0, "the clock stands still")
 
@@ -104,15 +104,15 @@ class Stage:
         self._push.publish(message)
 
     def forward(self, strength: float) -> tuple[float, float, float]:
-        """A force along the robot's heading, backward when negative [N]."""
+        """Force along the heading of the robot, backward when negative [N]."""
         yaw = self.observer.place[2]
         return strength * math.cos(yaw), strength * math.sin(yaw), 0.0
 
 
-#: Corners of the square in the order in which they are walked to, in sides
+#: Corners of the square in the order of the walk, in units of the side length
 CORNERS = ((1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0))
-PUSH_SIDE = 2  #: Side of the square on which it is pushed
-#: First words of the events that the report looks for
+PUSH_SIDE = 2  #: Side of the square on which the robot is pushed
+#: Events that the report evaluates, by the beginning of their text
 WALK, WAVE, PUSH, STOP = "walk", "walking wave", "walking push", "stop"
 
 
@@ -132,14 +132,14 @@ class SquareWalk:
         self._margin = node.create_subscription(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
 
     def play(self) -> None:
-        """Walk the square and stand; ``PoiseError`` when a goal is refused or not reached, or the robot gives up."""
+        """Walk the square and stand; ``PoiseError`` when a goal is refused or not reached, or the robot is damped."""
         stage, config = self._stage, self._stage.config
         start = Foothold(*stage.observer.place)
         stage.note(f"{WALK} a square of {config.square_side:g} m")
         stage.graph.send("walk")
         self._playing = True
         stage.watch(lambda: self._walking, config.start_limit, "it does not begin to walk")
-        stage.graph.node.destroy_subscription(self._margin)  # at 50 Hz they would delay the other messages
+        stage.graph.node.destroy_subscription(self._margin)  # its 50 Hz would delay the other messages
         stage.graph.send("wave")
         for side, (along, left) in enumerate(CORNERS):
             corner = start.moved(config.square_side * along, config.square_side * left)
@@ -169,7 +169,7 @@ class SquareWalk:
             raise PoiseError(f"corner {side + 1}: {self._routes[-1]}")
 
     def _on_motion(self, status: MotionStatus) -> None:
-        """Take the start of the wave from its status: planning takes some seconds on a loaded machine."""
+        """Note the start of the wave from its status: planning takes some seconds on a loaded machine."""
         if not self._playing:
             return
         self._waved = status.state is MotionState.DONE
