@@ -1,4 +1,4 @@
-"""End of the graph of a real robot: it is damped where it is, or lowered first."""
+"""End of the graph of a real robot: the robot is damped in its present posture, or lowered first."""
 
 from collections.abc import Callable
 from typing import Literal, Protocol
@@ -13,7 +13,7 @@ from models.types import Mode
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class EndConfig:
-    """Schema of ``bridge/config/ending.yaml``, which has units and meanings."""
+    """Schema of ``bridge/config/ending.yaml``; units and meanings are given there."""
 
     at_end: Literal["damp", "lower"]
     motion: str
@@ -25,17 +25,17 @@ class EndConfig:
 
 
 class StandingRobot(Protocol):
-    """The running graph, as ``Graph``."""
+    """Interface of the running graph; implemented by ``Graph``."""
 
     mode: str
     driver_state: str
-    refusal: str  # of the last text command that was sent; empty without one
+    refusal: str  # reason why the last text command was refused; empty if it was not
 
     def send(self, text: str) -> None:
         """Publish a text command."""
 
     def call(self, service: str) -> tuple[bool, str]:
-        """Call a Trigger service; returns whether it accepted, and its answer."""
+        """Call a Trigger service; returns whether the request was accepted, and the answer."""
 
     def wait_for(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
         """Wait until a condition is met; ``PoiseError`` with ``what`` after ``timeout`` [s]."""
@@ -45,10 +45,10 @@ class StandingRobot(Protocol):
 
 
 def lower(robot: StandingRobot, config: EndConfig) -> None:
-    """End a walk or a motion, move to a low posture, and sink from there.
+    """Stop a walk or a motion, move to a low posture, and damp the robot there.
 
-    ``PoiseError`` says why a robot cannot be lowered: it does not stand by itself, the motion to the low posture is
-    refused, or a step takes too long.
+    Raises ``PoiseError`` with the reason when the robot cannot be lowered: it does not stand without support, the
+    motion to the low posture is refused, or a step takes too long.
     """
     if robot.mode in (Mode.WALK.value, Mode.MOTION.value):
         robot.send("stop")
@@ -58,9 +58,9 @@ def lower(robot: StandingRobot, config: EndConfig) -> None:
     began = f"doing '{config.motion}'"
     robot.wait_for(lambda: robot.mode != Mode.STAND.value or bool(robot.refusal), config.plan_limit, began)
     robot.wait_for(lambda: robot.mode != Mode.MOTION.value, config.motion_limit, f"through '{config.motion}'")
-    if robot.refusal:  # by the supervisor, or by the planner after that
+    if robot.refusal:  # by the supervisor, or later by the planner
         raise PoiseError(f"the robot is not lowered, it is damped: {robot.refusal}")
-    _check_stands(robot)  # a velocity may have begun a walk meanwhile
+    _check_stands(robot)  # a velocity command may have started a walk
     accepted, answer = robot.call(topics.START_RELAX)
     if not accepted:
         raise PoiseError(answer)
@@ -69,6 +69,6 @@ def lower(robot: StandingRobot, config: EndConfig) -> None:
 
 
 def _check_stands(robot: StandingRobot) -> None:
-    """``PoiseError`` for a robot that does not stand."""
+    """Raise ``PoiseError`` when the robot does not stand."""
     if robot.mode != Mode.STAND.value:
         raise PoiseError(f"the robot is not lowered from mode '{robot.mode}': it is damped")

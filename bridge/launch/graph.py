@@ -1,4 +1,4 @@
-"""Starts the graph's processes, brings their nodes up in order, restarts crashed ones, and ends all."""
+"""Starts the processes of the graph, activates their nodes in order, restarts crashed ones, and ends them all."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ from planners.library import load_motion, motion_files
 
 
 def own_motions(robot: str, folder: Path) -> Parameters:
-    """Node parameters for a folder of motion files; ``ConfigError`` when empty, or with file and key of an error."""
+    """Node parameters for a folder of motion files; ``ConfigError`` for an empty folder or an invalid file."""
     model = RobotModel.load(robot)
     names = [load_motion(file, model).name for file in motion_files(folder)]
     known = default_config(SupervisorConfig, "controllers", "supervisor").motions
@@ -65,13 +65,13 @@ def own_motions(robot: str, folder: Path) -> Parameters:
 
 
 STARTING = "starting; where the kernels have not been compiled before, that takes a minute or two"
-START_TIMEOUT = 900.0  #: Longest wait for a node to answer while it starts; the first start compiles [s]
+START_TIMEOUT = 900.0  #: Longest wait for the answer of a starting node [s]; the first start compiles
 SPIN_TIMEOUT = 0.05  #: Longest wait for a callback between two checks of the processes [s]
 RESTARTS_MAX = 5  #: Restarts of one process after which the launcher gives up
 
 
 class Graph:
-    """The running graph, seen from the process that started it.
+    """The running graph, controlled by the process that started it.
 
     Use it as a context manager: entering starts the processes and activates the nodes, leaving ends them.
 
@@ -79,22 +79,22 @@ class Graph:
         robot: Profile, by name or path.
         lockstep: Whether the plant waits for the command of each tick.
         processes: Whether gait planner, controller and estimator share a process.
-        domain_id: ROS domain; that of the environment when None.
+        domain_id: ROS domain; from the environment when None.
         network: Whether other machines may join.
         parameters: Further parameters by node.
-        specs: Processes in the order of their start; those of ``process_specs`` when None.
-        activation: Nodes in the order of their activation; that of ``activation_order`` when None.
-        calibration: Folder of the calibration files; temporary when None, because the user's may be for another robot.
-        log: File for the processes' output; this process's output when None.
-        namespace: Of every node, topic and service; empty for none.
+        specs: Processes in start order; from ``process_specs`` when None.
+        activation: Nodes in activation order; from ``activation_order`` when None.
+        calibration: Folder of the calibration files; when None a temporary one, as the user's may be for another robot.
+        log: File for the output of the processes; the output of this process when None.
+        namespace: Namespace of every node, topic and service; empty for none.
         say: Called with one line about each event.
-        plant: Process of ``robot_driver`` that several graphs share; it is supervised, not run.
+        plant: Process of ``robot_driver`` shared by several graphs; this graph detects its end, but does not run it.
 
     Attributes:
         node: rclpy node of this process, for further topics and services.
         mode: Last published mode; empty before the first.
         driver_state: Last state of the joint drivers; empty before the first.
-        refusal: Why the last text command was refused, by the supervisor or the motion planner; empty if it was not.
+        refusal: Reason why supervisor or motion planner refused the last text command; empty if they did not.
         exit_codes: Exit code of each process by module, after leaving.
     """
 
@@ -116,14 +116,14 @@ class Graph:
         plant: GraphProcess | None = None,
     ) -> None:
         self._plant = plant
-        self._context = Context()  # one for each of several graphs in a process
+        self._context = Context()  # a process may hold several graphs
         self._namespace = absolute_namespace(namespace)
         self._folder = tempfile.TemporaryDirectory(prefix="poise_")
         if calibration is None:
             calibration = Path(self._folder.name) / "calibration"
             calibration.mkdir()
         self.mode = self.driver_state = self.refusal = ""
-        self._refused: int | None = None  # text commands, by the newest status of the supervisor
+        self._refused: int | None = None  # number of refused text commands in the newest status of the supervisor
         self.exit_codes: dict[str, int | None] = {}
         self._say, self._log = say, log
         self._domain_id, self._network = domain_id, network
@@ -146,12 +146,12 @@ class Graph:
         return self
 
     def claim(self) -> None:
-        """Claim the domain and the namespace on this machine; ``PoiseError`` names the graph that runs there."""
+        """Claim domain and namespace on this machine; a ``PoiseError`` names the graph that already runs there."""
         if self._claimed is None:
             self._claimed = claim_graph(self._robot, self._domain_id, self._namespace)
 
     def open(self) -> None:
-        """Join the graph and start the processes, before ``configure``, ``activate`` and ``close``."""
+        """Join the graph and start the processes; call it before ``configure``, ``activate`` and ``close``."""
         self.claim()
         join_graph(domain_id=self._domain_id, network=self._network)
         rclpy.init(args=log_arguments(), context=self._context, signal_handler_options=SignalHandlerOptions.NO)
@@ -195,7 +195,7 @@ class Graph:
         return {process.spec.module: process.pid for process in self._processes}
 
     def spin(self, duration: float) -> None:
-        """Serve callbacks and supervise for a time [s]; ``PoiseError`` when one cannot be restarted."""
+        """Serve callbacks and supervise the processes for a time [s]; ``PoiseError`` when one cannot be restarted."""
         end = time.monotonic() + duration
         while time.monotonic() < end:
             self._tick(min(SPIN_TIMEOUT, max(end - time.monotonic(), 0.0)))
@@ -220,12 +220,12 @@ class Graph:
         self._commands.publish(String(data=text))
 
     def call(self, service: str, timeout: float = 5.0) -> tuple[bool, str]:
-        """Call a Trigger service; returns whether it accepted, and its answer. ``PoiseError`` after ``timeout`` [s]."""
+        """Call a Trigger service; returns acceptance and answer. ``PoiseError`` after ``timeout`` [s]."""
         answer = self.ask(Trigger, service, Trigger.Request(), timeout)
         return bool(answer.success), str(answer.message)
 
     def ask(self, kind: type, service: str, request: Any, timeout: float = 5.0) -> Any:
-        """Response of a service; ``PoiseError`` when it is not there, or does not answer, within ``timeout`` [s]."""
+        """Call a service; ``PoiseError`` when it is absent or does not answer within ``timeout`` [s]."""
         if service not in self._clients:
             client = self._clients[service] = self.node.create_client(kind, service)
             self.wait_for(client.service_is_ready, timeout, f"offering {service}")
@@ -251,11 +251,11 @@ class Graph:
             process.start()
 
     def configure(self) -> None:
-        """Configure all nodes at once; ``PoiseError`` names one that refuses or does not answer."""
+        """Configure all nodes at once; a ``PoiseError`` names a node that refuses or does not answer."""
         self._change(self._activation, CONFIGURE)
 
     def activate(self) -> None:
-        """Activate the nodes in order; errors as ``configure``."""
+        """Activate the nodes in order; errors as for ``configure``."""
         for name in self._activation:
             self._change([name], ACTIVATE)
         self._say(f"active: {', '.join(self._activation)}")
@@ -292,7 +292,7 @@ class Graph:
             for process in concerned:
                 if process.exit_code is not None:
                     raise PoiseError(f"{process.spec.module} ended with code {process.exit_code} while starting")
-            self._supervise([each for each in self._processes if not each.spec.nodes])  # the guard of a real robot
+            self._supervise([each for each in self._processes if not each.spec.nodes])  # only the guard of a real robot
 
         change_state(self.node, spin, names, transition, START_TIMEOUT)
 
@@ -332,11 +332,10 @@ def up(
 ) -> int:
     """Run the graph until SIGINT or SIGTERM, or for a ``duration`` [s].
 
-    Actions, the camera, and range sensors and terrain mapper run in separate processes; actions are omitted when their
-    types are missing.
-    ``robot_network`` is that of a real robot, which only the processes of driver and guard join, and ``ending`` its
-    end. Other arguments and options are those of ``Graph``. Returns the exit code: 0 after a signal or the end of
-    ``duration``, 1 when the graph cannot be kept running.
+    Actions, camera, range sensors and terrain mapper run in separate processes; actions are omitted when their types
+    are missing. Only the processes of driver and guard join the network of a real robot, ``robot_network``. ``ending``
+    configures the shutdown of a real robot. Other arguments and options are those of ``Graph``. Returns the exit code:
+    0 after a signal or the end of ``duration``, 1 when the graph cannot be kept running.
     """
 
     def make(say: Callable[[str], object]) -> Graph:
@@ -351,7 +350,7 @@ def up(
 
 
 def actions_possible(requested: bool, say: Callable[[str], object]) -> bool:
-    """Whether actions are requested and their types exist; otherwise ``say`` receives what is missing."""
+    """Whether actions are requested and their types exist; ``say`` is called with the missing types."""
     if requested and (missing := missing_types()):
         say(f"no actions: {missing}")
         return False
@@ -359,7 +358,7 @@ def actions_possible(requested: bool, say: Callable[[str], object]) -> bool:
 
 
 def count_restart(process: GraphProcess, say: Callable[[str], object]) -> bool:
-    """Count the restart of a process that has ended; returns whether it may be restarted."""
+    """Count the restart of an ended process; returns whether it may be restarted. ``PoiseError`` if it is required."""
     process.restarts += 1
     module, restarts = process.spec.module, process.restarts
     say(f"{module} ended with code {process.exit_code}: restart {restarts} of {RESTARTS_MAX}")

@@ -1,4 +1,4 @@
-"""Options of ``poise up`` for the plants of real robots, which are in a network and a DDS domain of their own."""
+"""Options of ``poise up`` for the plants of real robots, which use a separate network and DDS domain."""
 
 import sys
 from typing import Any
@@ -17,9 +17,9 @@ from models.robot_model import RobotModel
 
 UNITREE, BOOSTER, ROS2_CONTROL = "unitree", "booster", "ros2_control"
 PLANTS = (UNITREE, BOOSTER, ROS2_CONTROL)  #: Plants of real robots, by name
-#: Profile of the real robot by that of the simulated one
+#: Profile of the real robot by the profile of the simulated robot
 PROFILES = {"g1": "g1_hardware", "talos": "talos_hardware"}
-UNITREE_RATE = 500  #: [Hz]
+UNITREE_RATE = 500  #: Default rate [Hz]
 
 
 def hardware_options(
@@ -33,8 +33,8 @@ def hardware_options(
 ) -> tuple[str, dict[str, Any]]:
     """Profile, and ``plant_options``, ``rates`` by node, ``robot_network`` and ``ending``.
 
-    ``plant`` is one of ``PLANTS``. ``interface``, ``domain`` (0 by default), ``rate`` [Hz] and ``at_end`` may be among
-    the options of the plant instead. Raises ``ConfigError``, which says what is missing or wrong, or which two values
+    ``plant`` is one of ``PLANTS``. ``interface``, ``domain`` (0 by default), ``rate`` [Hz] and ``at_end`` may be given
+    in the options of the plant instead. Raises ``ConfigError`` for a missing or invalid value, and for two values that
     contradict each other.
     """
     given = read_options(plant_options)
@@ -76,21 +76,21 @@ def hardware_options(
 
 
 def check_plant(plant: str, robot: str, plant_options: str) -> None:
-    """Make the plant without a connection, before any process starts; ``ConfigError`` says what does not fit."""
+    """Create the plant without a connection, before any process starts; ``ConfigError`` for invalid options."""
     make_plant(plant, RobotModel.load(robot), {**read_options(plant_options), "link": object()})
 
 
 def other_network(plant: str, plant_options: str) -> RobotNetwork | None:
-    """Network of a plant that is not of this package but has a guard process; None without one, or for a simulation.
+    """Network of a plant from another package that has a guard process; None without a guard or for a simulation.
 
     Raises ``ConfigError`` for an unknown plant.
     """
-    sys.path.append("")  # as the processes of the graph, which find a plant in the working folder
+    sys.path.append("")  # the processes of the graph also import plants from the working folder
     return RobotNetwork("", 0, plant, plant_options or "{}") if find_guard(plant) else None
 
 
 def _agreed(argument: str, value: Any, options: dict[str, Any], name: str) -> Any:
-    """An argument of the command line that may be an option of the plant, too; None where it is neither."""
+    """Value of a command line argument that may also be an option of the plant; None if neither is given."""
     if value is not None and options.get(name, value) != value:
         raise ConfigError(f"--{argument} {value} contradicts '{name}: {options[name]}' of --plant-options: give one")
     return options.get(name) if value is None else value

@@ -1,8 +1,8 @@
-"""Network of a real robot: the processes that join it, and the Fast DDS profile that lets only them do so.
+"""Network of a real robot: the processes that join it, and the Fast DDS profile that lets only them join.
 
-All participants of a process share its transports. So the driver and the guard get a profile with loopback and the
-address of one interface, and the rest of the graph stays on loopback. The robot is discovered by multicast in its own
-DDS domain; the graph must have another one, or its topics would be offered to the robot's network.
+All participants of a process share its transports. Driver and guard therefore get a profile with loopback and the
+address of one interface; the rest of the graph stays on loopback. The robot is discovered by multicast in a separate
+DDS domain. The domain of the graph must differ, or its topics would be offered to the network of the robot.
 """
 
 import fcntl
@@ -30,7 +30,7 @@ GUARD = "bridge.nodes.damping_guard"  #: Module of the guard process
 
 
 def interface_address(name: str) -> str:
-    """IPv4 address of a network interface that is up; ``ConfigError`` names the known ones otherwise."""
+    """IPv4 address of a network interface that is up; otherwise a ``ConfigError`` lists the known interfaces."""
     known = [each for _, each in socket.if_nameindex()]
     if name not in known:
         raise ConfigError(f"--network-interface: no interface '{name}'; known: {', '.join(known)}")
@@ -50,7 +50,7 @@ def interface_address(name: str) -> str:
 
 
 def profile_text(address: str) -> str:
-    """The profile of ``bridge/config/loopback.xml`` with an additional interface and discovery by multicast."""
+    """Fast DDS profile ``bridge/config/loopback.xml`` with an additional interface and multicast discovery."""
     ET.register_namespace("", _XML)
     root = ET.fromstring((Path(str(files("bridge"))) / "config" / "loopback.xml").read_text(encoding="utf-8"))
     if address != LOOPBACK:
@@ -73,9 +73,9 @@ def _one(root: ET.Element, name: str) -> ET.Element:
 
 @dataclass(frozen=True, slots=True)
 class RobotNetwork:
-    """Where a real robot is: interface of this computer and the robot's DDS domain; its plant with its options.
+    """Connection to a real robot: interface of this computer, DDS domain of the robot, plant and plant options.
 
-    Without an interface, driver and guard stay on loopback: the plant has its own connection to the robot.
+    Without an interface, driver and guard stay on loopback, and the plant connects to the robot by other means.
     """
 
     interface: str
@@ -84,7 +84,7 @@ class RobotNetwork:
     options: str = "{}"
 
     def check(self, graph_domain: int | None = None) -> str:
-        """Address of the interface; ``ConfigError`` when it has none, or when the graph has the robot's domain."""
+        """Address of the interface; ``ConfigError`` if there is none, or if the graph uses the domain of the robot."""
         graph = ros_domain(graph_domain)
         if graph == self.domain:
             raise ConfigError(
@@ -94,7 +94,7 @@ class RobotNetwork:
         return interface_address(self.interface)
 
     def processes(self, specs: Sequence[ProcessSpec], robot: str) -> list[ProcessSpec]:
-        """The processes of a graph, the driver with the robot's network, and the guard beside it."""
+        """Processes of a graph and the guard; driver and guard join the network of the robot."""
         environment = {SESSION: secrets.token_hex(4)}
         if self.interface:
             address = self.check()
@@ -103,6 +103,6 @@ class RobotNetwork:
             file.write_text(profile_text(address), encoding="utf-8")
             environment |= {PROFILE_VARIABLE: str(file), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
         arguments = self.plant, robot, str(self.domain), self.options
-        # without a guard the robot is held, not damped: the graph goes on
+        # the guard is optional: without it the graph goes on, and the driver holds the robot instead of damping it
         guard = ProcessSpec(GUARD, (), True, arguments, environment, silence_max=real_robot().guard_kill)
         return [guard, *(replace(spec, environment=environment) if spec == BRIDGE else spec for spec in specs)]

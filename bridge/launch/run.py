@@ -1,4 +1,4 @@
-"""Runs one graph or several until a signal, and reports events on the terminal."""
+"""Runs one or several graphs until a signal, and reports events on the terminal."""
 
 import os
 import signal
@@ -36,9 +36,9 @@ class _Interrupted(Exception):
 
 @contextmanager
 def without_flow_control() -> Iterator[None]:
-    """Ctrl-S has no effect in the terminal of this process: a process of the graph would wait for its own output.
+    """Disable Ctrl-S in the terminal of this process: it would block the output of a process and thus the process.
 
-    Only the foreground job of a terminal changes and restores it: any other is suspended for that.
+    Only a foreground job changes and restores the terminal; the kernel suspends a background job that does so.
     """
     before: list[Any] | None = None
     with suppress(OSError, termios.error):  # no terminal
@@ -60,7 +60,7 @@ def wait_for(
     what: str,
     state: Callable[[], str],
 ) -> None:
-    """Serve callbacks by ``spin`` until a condition, polled every ``LOOK`` seconds, is met.
+    """Serve callbacks by ``spin`` until a condition is met; it is polled every ``LOOK`` seconds.
 
     Raises ``PoiseError`` after ``timeout`` [s], with ``what`` (as in "not standing") and the present ``state``.
     """
@@ -80,10 +80,10 @@ def run_until_signal(
 ) -> int:
     """Run a graph until SIGINT or SIGTERM, or for a ``duration`` [s].
 
-    ``make`` makes the graph from a function that prints one line about an event; ``name`` is for the output. ``end`` is
-    called before the processes end, unless by SIGTERM; a second SIGINT interrupts it. SIGTSTP has no effect: the robot
-    would go on without its launcher. Returns the exit code: 0 after a
-    signal or the end of ``duration``, 1 when the graph cannot be kept up.
+    ``make`` creates the graph; it receives a function that prints one line about an event. ``name`` is printed.
+    ``end`` is called before the processes end, except after SIGTERM; a second SIGINT interrupts it. SIGTSTP is ignored,
+    because the robot would go on without a launcher. Returns the exit code: 0 after a signal or the end of
+    ``duration``, 1 when the graph cannot be kept running.
     """
     console = Console(stderr=True)
     begin = time.monotonic()
@@ -91,7 +91,7 @@ def run_until_signal(
     def say(text: str) -> None:
         console.print(f"[dim]{time.monotonic() - begin:8.2f} s[/dim]  {text}", highlight=False, soft_wrap=True)
 
-    interrupts_left = 0 if end is None else 1  # SIGINTs that do not end it at once
+    interrupts_left = 0 if end is None else 1  # number of SIGINTs that do not end it at once
 
     def ignore_signals() -> None:
         for number in (signal.SIGINT, signal.SIGTERM):

@@ -33,7 +33,7 @@ from models.errors import ConfigError, PoiseError
 
 (BRIDGE_NODE,) = BRIDGE.nodes
 
-SLICE = 0.05  #: Time for which each robot's graph is served in turn [s]
+SLICE = 0.05  #: Time slice for the callbacks of one robot [s]; the robots take turns
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +48,13 @@ class Inhabitant:
 class WorldGraph:
     """Graphs of several robots in one world, each in a namespace.
 
-    A context manager. All processes are started and configured before the first node is activated, so that no robot
-    stands while others use the processor for their imports. Arguments are as for ``Graph``, but: in ``lockstep`` the
-    world waits for the command of each tick from every robot, ``parameters`` are for all robots, and ``calibration``
-    has one folder for each robot.
+    A context manager. All processes are started and configured before the first node is activated. Otherwise imports
+    of one robot would load the processor while another one already stands. Arguments are those of ``Graph``, but in
+    ``lockstep`` the world waits for the command of each tick from every robot, ``parameters`` apply to all robots, and
+    ``calibration`` has one folder for each robot.
 
     Attributes:
-        graphs: Graph of each robot, by its namespace without slashes around it.
+        graphs: Graph of each robot by namespace, without leading and trailing slashes.
         exit_codes: Exit code of each process, by robot and module, after leaving.
 
     Raises:
@@ -165,7 +165,7 @@ class WorldGraph:
         return {BRIDGE.module: self._world.pid, **found}
 
     def spin(self, duration: float) -> None:
-        """Serve callbacks and supervise the processes for a time [s]; errors as ``Graph.spin``."""
+        """Serve callbacks and supervise the processes for a time [s]; errors as for ``Graph.spin``."""
         end = time.monotonic() + duration
         while (left := end - time.monotonic()) > 0.0:
             for graph in self.graphs.values():
@@ -208,7 +208,7 @@ def up_world(
 
 
 def _merged(common: Parameters, own: Parameters) -> dict[str, dict[str, object]]:
-    """Parameters by node; a robot's override the common ones. ``PoiseError`` for one of the world."""
+    """Parameters by node; ``own`` overrides ``common``. ``PoiseError`` when ``own`` has a parameter of the world."""
     alone = [name for name in own.get(BRIDGE_NODE, {}) if name in SHARED]
     if alone:
         raise PoiseError(f"{', '.join(alone)}: of the world, not of one robot")
@@ -220,10 +220,10 @@ def _speaker(say: Callable[[str], object], name: str) -> Callable[[str], object]
 
 
 def inhabitants(robots: str, places: Sequence[str], motions: Path | None) -> dict[str, Inhabitant]:
-    """Parse ``robot_1=g1,robot_2=talos`` and ``robot_2=1,-1.5,0`` into the robots by namespace, in the order given.
+    """Parse ``robot_1=g1,robot_2=talos`` and ``robot_2=1,-1.5,0`` into the robots by namespace, in the given order.
 
     A place is namespace, x and y [m], heading [rad]; ``motions`` is a folder of motion files for all robots. Raises
-    ``PoiseError`` and quotes what cannot be parsed.
+    ``PoiseError`` that quotes the invalid text.
     """
     found: dict[str, str] = {}
     for text in filter(None, robots.split(",")):

@@ -1,14 +1,14 @@
 """``ros2 launch bridge humanoid.launch.py robot:=talos``: runs ``poise up`` from a sourced ROS 2.
 
-Like ``poise up``, one process starts, configures, activates, supervises and ends the others. This file imports nothing
-of poise: the Python of ``ros2`` may be another one.
+``poise up`` starts, configures, activates, supervises and ends the other processes. This file imports no module of
+poise, because ``ros2`` may use another Python.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-#: Beside ``share``, under the prefix that this file is installed in
+#: Executable under the install prefix of this file, in ``lib`` beside ``share``
 POISE = Path(__file__).resolve().parents[3] / "lib" / "bridge" / "poise"
 #: Default and description of each launch argument
 ARGUMENTS: Mapping[str, tuple[str, str]] = {
@@ -31,11 +31,11 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {
 }
 FLAGS = ("lockstep", "network", "camera", "terrain_map")
 
-END_TIME = "15.0"  #: ``poise up`` gives its processes 9 s to end [s]
+END_TIME = "15.0"  #: Time for ``poise up`` to end [s]; it waits up to 9 s for its processes
 
 
 def command(given: Mapping[str, str]) -> list[str]:
-    """Command line of ``poise up`` from the values of the launch arguments; empty ones are left out.
+    """Command line of ``poise up`` from the values of the launch arguments; empty ones are omitted.
 
     ``ValueError`` names an invalid flag.
     """
