@@ -1,4 +1,4 @@
-"""Cuts a recording into episodes for learning: observations, actions, and the task in words."""
+"""Cuts a recording into episodes for learning: observations, actions, and the task as text."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from models.nodes import topics
 from models.robot_model import RobotModel
 from models.types import Matrix, Mode, Vector
 
-STALE = 0.05  #: Greatest age of a sample in a frame [s]; an older one ends the episode
+STALE = 0.05  #: Maximum age of a sample in a frame [s]; an older sample ends the episode
 Frames = NDArray[np.float32]
 
 _Table = tuple[NDArray[np.int64], Matrix]  #: Stamps [ns] and a row for each
@@ -36,14 +36,14 @@ class Quantity:
 class Episode:
     """A part of a recording with one task."""
 
-    task: str  #: The task in words
+    task: str  #: The task as text
     start: int  #: Stamp of the first frame [ns]
     state: Frames  #: Measured and estimated quantities, columns as ``observed`` names them (n, s)
     action: Frames  #: Commands of the drivers at the same ticks, columns as ``commanded`` names them (n, a)
 
 
 def observed(robot: RobotModel) -> Quantity:
-    """Columns of an observation in the frames of the sensors and ``base_link``; x and y, which drift, are left out."""
+    """Columns of an observation, in the frames of the sensors and ``base_link``, without x and y, which drift."""
     columns = _joint_columns(robot)
     columns += [("base.z", "m"), *((f"base.q{axis}", "1") for axis in "xyzw")]
     for kind, unit in (("base.v", "m/s"), ("base.w", "rad/s"), ("imu.gyro_", "rad/s"), ("imu.accel_", "m/s^2")):
@@ -56,7 +56,7 @@ def observed(robot: RobotModel) -> Quantity:
 
 
 def commanded(robot: RobotModel) -> Quantity:
-    """Columns of an action: the input of a driver except its gains."""
+    """Columns of an action: the driver commands without the gains."""
     return _quantity(_joint_columns(robot))
 
 
@@ -73,16 +73,16 @@ def _quantity(columns: list[tuple[str, str]]) -> Quantity:
 def episodes(run: RecordedRun, fps: int, task: str = "") -> Iterator[Episode]:
     """Cut a recording into episodes of at least two frames, in order, at ``fps`` frames per second.
 
-    A frame has the newest sample of every sensor at its time, and the newest command: none is later, and none is the
-    simulator's truth. Frames are evenly spaced from the beginning of an episode on. ``task`` is one task for all;
-    otherwise each command is the task of an episode.
+    A frame has the newest sample of every sensor and the newest command at its time. It contains no later value and no
+    true state of the simulator. Frames are evenly spaced within an episode. ``task`` is one task for all frames; when
+    empty, each command is the task of an episode.
     """
     tables = _tables(run)
     if any(not len(stamps) for stamps, _ in tables.values()):
         return
     end = min(int(stamps[-1]) for stamps, _ in tables.values()) + 1
     cuts = _tasks(run)
-    if task:  # only while active; a change of its activity is no cut
+    if task:  # from the first activity to its end; a new command is no cut
         cuts = [(stamp, task if name else None) for stamp, name in cuts]
         cuts = [cut for last, cut in zip([(0, None), *cuts], cuts, strict=False) if cut[1] != last[1]]
     for (first, name), (last, _) in zip(cuts, [*cuts[1:], (end, None)], strict=True):
@@ -91,7 +91,7 @@ def episodes(run: RecordedRun, fps: int, task: str = "") -> Iterator[Episode]:
 
 
 def _stretches(tables: Mapping[str, _Table], first: int, end: int, fps: int, task: str) -> Iterator[Episode]:
-    """Episodes between two stamps [ns]: one, or several where samples are missing."""
+    """Episodes between two stamps [ns]: one, or several if samples are missing."""
     times = first + np.rint(np.arange(max(end - first, 0) * fps // NANOSECONDS + 1) * (NANOSECONDS / fps)).astype(int)
     times = times[times < end]
     rows: dict[str, NDArray[np.int64]] = {}
@@ -121,7 +121,7 @@ def _tables(run: RecordedRun) -> dict[str, _Table]:
 
 
 def _table(samples: Mapping[int, Vector]) -> _Table:
-    """Stamps in order [ns] and a row for each."""
+    """Sorted stamps [ns] and one row for each, without rows that are not finite."""
     stamps = np.array(sorted(samples), dtype=np.int64)
     values = np.array([samples[int(stamp)] for stamp in stamps])
     good = np.isfinite(values).all(axis=1) if len(stamps) else np.zeros(0, dtype=bool)
@@ -150,8 +150,8 @@ def _tasks(run: RecordedRun) -> list[tuple[int, str | None]]:
 
 
 def _word(topic: str, text: str) -> str:
-    """The command in a text; empty when the closed loop refused it."""
+    """Command word of a recorded text; empty when the closed loop refused it."""
     if topic == EVENTS:
         word, _, reply = text.partition(":")
         return "" if "refused" in reply else word.lower()
-    return text.split()[-1].lower() if text.split() else ""  # a signed one has it at the end
+    return text.split()[-1].lower() if text.split() else ""  # last word of a signed text

@@ -1,4 +1,4 @@
-"""Records the topics of the running graph, all of them or the IMU alone."""
+"""Records the topics of the running graph, or only the IMU."""
 
 import json
 import os
@@ -26,11 +26,11 @@ from models.nodes.qos import SENSOR_QUEUE, keep_last
 from models.nodes.spin import Stop, make_executor
 
 LOOK = 0.1  #: Polling period for new topics [s]
-PATIENCE = 2.0  #: Time without a robot after which a message says so [s]
+PATIENCE = 2.0  #: Time without a robot until a message is printed [s]
 SILENCE = 10.0  #: Time without any message after which the robot counts as stopped [s]
-DEPTH = 5000  #: Queued messages of a topic: five seconds at 1 kHz
-NICENESS = -10  #: Niceness where permitted. No real-time priority, which the bridge and the control process need.
-#: Topics logged at their stamp; the others are logged at that of the newest joints
+DEPTH = 5000  #: Queue depth of a topic [messages]: five seconds at 1 kHz
+NICENESS = -10  #: Niceness, if permitted; real-time priority is left to the bridge and the control process
+#: Topics logged at their stamp; the others are logged at the stamp of the newest joint sample
 STAMPED = frozenset(
     {
         *(topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES, topics.JOINT_SETPOINTS),
@@ -40,10 +40,10 @@ STAMPED = frozenset(
 
 
 class GraphRecorder:
-    """Records every topic that has a publisher, with the offered QoS, to ``log``.
+    """Records every known topic that has a publisher to ``log``, with the offered QoS.
 
-    The time of the log is the robot's; messages before its first stamp wait for it. ``robot`` is the profile's name,
-    empty before it is published; ``left_out`` are topics that cannot be recorded here, with the reason.
+    Log times are times of the robot; messages before the first stamp are buffered until it arrives. ``robot`` is the
+    profile name, empty before it is published. ``left_out`` are topics that cannot be recorded here, with the reason.
     """
 
     def __init__(self, log: McapLog) -> None:
@@ -63,12 +63,12 @@ class GraphRecorder:
 
     @property
     def sampled(self) -> bool:
-        """Whether a joint sample has arrived: without one the recording has no time."""
+        """Whether a joint sample has arrived; without one, the recording has no time."""
         return bool(self._stamps)
 
     @property
     def lost(self) -> int:
-        """Missing joint samples."""
+        """Number of missing joint samples."""
         return missing(self._stamps)
 
     def record(
@@ -80,13 +80,13 @@ class GraphRecorder:
         namespace: str = "",
         say: Callable[[str], object],
     ) -> None:
-        """Record for a time on the robot's clock [s], or until the signal that sets ``stop``, or the end of the robot.
+        """Record for a time on the robot's clock [s], until a signal sets ``stop``, or until the robot is silent.
 
-        With ``network`` the robot may run on another machine. The file omits its namespace, so that it replays as that
-        of a robot without one. ``say`` takes a sentence about progress.
+        With ``network`` the robot may run on another machine. The file omits the namespace, so that it replays like
+        the file of a robot without one. ``say`` is called with one sentence about each event.
         """
-        with suppress(OSError):  # not permitted: as any other process
-            os.setpriority(os.PRIO_PROCESS, 0, NICENESS)  # before there are threads, which inherit it
+        with suppress(OSError):  # not permitted: default niceness
+            os.setpriority(os.PRIO_PROCESS, 0, NICENESS)  # threads that start later inherit it
         joined = participant("poise_record", network=network, namespace=namespace, make=make_executor)
         try:
             with joined as (node, executor):
@@ -129,7 +129,7 @@ class GraphRecorder:
                 self.left_out[name] = str(error)
 
     def _subscribe(self, node: Any, topic: str, name: str, kind: str, offers: list[Any]) -> None:
-        """Subscribe reliably and to latched messages where every publisher offers that."""
+        """Subscribe reliable and transient local if every publisher offers it."""
         reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
         latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
         qos = keep_last(DEPTH, reliable=reliable, latched=latched)
@@ -140,7 +140,7 @@ class GraphRecorder:
         node.create_subscription(message, name, lambda data: self.take(topic, written, bytes(data)), qos, raw=True)
 
     def take(self, topic: str, name: str, data: bytes) -> None:
-        """Write a message of a topic under its name in the file, or store it until the robot's time is known."""
+        """Write a message under the name of its topic in the file, or buffer it until the robot's time is known."""
         self.received += 1
         stamp = stamp_of(data, logged=True) if topic in STAMPED else 0
         if topic == topics.JOINT_STATES:
@@ -162,13 +162,13 @@ class GraphRecorder:
 
 
 def _robots_up(node: Any) -> str:
-    """Where robots are up, with the remedy; empty without one, or with one in the node's namespace."""
+    """Namespaces of running robots, with the remedy; empty if there is none, or one in the namespace of the node."""
     robots = namespaces_of_robots(node)
     return other_namespaces(robots) if robots and node.get_namespace().rstrip("/") not in robots else ""
 
 
 def _robot(topic: str, data: bytes) -> str:
-    """Name of the robot's profile in a message; empty without one."""
+    """Profile name of the robot in a message; empty without one."""
     if topic == DIAGNOSTICS:
         named = [status.hardware_id for status in decode(data, DiagnosticArray).status]
         return str(next(filter(None, named), ""))
@@ -180,7 +180,7 @@ SPIN = 0.1  #: Longest wait for a callback [s]
 
 
 class ImuListener:
-    """Passes samples to ``take`` (stamp [ns], sample, message) and counts them, malformed or old as ``refused``."""
+    """Calls ``take`` with stamp [ns], sample and message; ``refused`` counts malformed and old messages."""
 
     def __init__(self, take: Callable[[int, ImuSample, bytes], None]) -> None:
         self._take, self._codec = take, OrientedImuCodec(topics.IMU_FRAME)
@@ -193,7 +193,7 @@ class ImuListener:
         return 0.0 if self.first is None else (self.last - self.first) / NANOSECONDS
 
     def on_message(self, data: bytes) -> None:
-        """Pass a message on."""
+        """Decode a message and pass it to ``take``."""
         try:
             stamp, sample = self._codec.decode(data)
         except MessageError:
@@ -210,10 +210,10 @@ class ImuListener:
     def listen(
         self, seconds: float | None, stop: Stop, *, network: bool = False, namespace: str = "", silence: float = 5.0
     ) -> None:
-        """Pass samples on for a time on their stamps [s], or until a signal, which never interrupts a sample.
+        """Pass on samples for a time by their stamps [s], or until a signal; a sample is never interrupted.
 
-        ``stop`` is set by the signal; with ``network`` the robot may run on another machine. Raises ``CommandError``
-        when no sample arrives within ``silence`` [s].
+        The signal sets ``stop``; with ``network`` the robot may run on another machine. Raises ``CommandError`` when no
+        sample arrives within ``silence`` [s].
         """
         with participant("poise_imu_log", network=network, namespace=namespace) as (node, executor):
             node.create_subscription(Imu, topics.IMU_DATA, self.on_message, SENSOR_QUEUE, raw=True)

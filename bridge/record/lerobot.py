@@ -1,8 +1,8 @@
-"""Writes episodes as a LeRobot dataset, version 3.0: Parquet tables of frames, and tables that index them.
+"""Writes episodes as a LeRobot dataset, version 3.0: Parquet tables of frames, and index tables.
 
     data/chunk-000/file-000.parquet            frames, one row group for each episode
     meta/info.json                             rate, totals, and type, shape, names and units of every feature
-    meta/tasks.parquet                         tasks in words and their numbers
+    meta/tasks.parquet                         tasks as text and their numbers
     meta/episodes/chunk-000/file-000.parquet   task, length, rows and statistics of every episode
     meta/stats.json                            statistics of all frames
 
@@ -27,7 +27,7 @@ from bridge.record.run_file import read_run
 from models.errors import PoiseError
 
 VERSION = "v3.0"  #: Version of the layout
-#: Files in a folder [1], and about how large a file becomes [MB]: the usual ones of the layout
+#: Files in a folder [1] and approximate file sizes [MB]: the defaults of the layout
 CHUNK_SIZE, DATA_FILE_MB, VIDEO_FILE_MB = 1000, 100, 200
 STATE, ACTION = "observation.state", "action"
 TASKS, INFO, STATS = "meta/tasks.parquet", "meta/info.json", "meta/stats.json"
@@ -41,9 +41,9 @@ Columns = dict[str, NDArray[Any]]
 
 
 class LeRobotDataset:
-    """Collects episodes; the whole new ``folder`` appears at ``close``. ``PoiseError`` if it is in use.
+    """Collects episodes; ``close`` moves the complete data set to the new ``folder``. ``PoiseError`` if it is in use.
 
-    ``lengths`` are task and number of frames of every episode.
+    ``lengths`` holds task and number of frames of every episode.
     """
 
     def __init__(self, folder: Path, robot: str, fps: int, state: Quantity, action: Quantity) -> None:
@@ -64,7 +64,7 @@ class LeRobotDataset:
         self.frames = 0
         self.lengths: list[tuple[str, int]] = []
         with self._disk():
-            shutil.rmtree(self._part, ignore_errors=True)  # of a run that was killed
+            shutil.rmtree(self._part, ignore_errors=True)  # left by a killed run
             (self._part / "meta").mkdir(parents=True)
 
     @contextmanager
@@ -190,7 +190,7 @@ def _statistics(columns: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, list
 
 
 def _task_table(tasks: Mapping[str, int]) -> pa.Table:
-    """Tasks and numbers, marked so that pandas, which reads the layout, takes the task as the index."""
+    """Table of tasks and numbers; its metadata makes the task the index for pandas, with which LeRobot reads it."""
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored, "metadata": None}
         for name, kind, stored in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
@@ -208,9 +208,9 @@ def _write_json(path: Path, data: Mapping[str, Any]) -> None:
 def export(files: Sequence[Path], folder: Path, fps: int, task: str = "", robot: str = "") -> list[tuple[str, int]]:
     """Write recordings of one robot as a data set; returns task and number of frames of every episode.
 
-    ``task`` is that of all frames; an episode for each command when empty. ``robot`` is a profile, by name or path;
-    that of the files when empty. Raises ``PoiseError`` when a file is no recording or of another robot, there is no
-    episode, or the folder cannot be written.
+    ``task`` applies to all frames; when empty, each command makes an episode. ``robot`` is a profile, by name or path;
+    when empty, the profile in the files. Raises ``PoiseError`` when a file is no recording or is of another robot,
+    there is no episode, or the folder cannot be written.
     """
     runs = (read_run(file, robot) for file in files)
     first = next(runs)

@@ -1,4 +1,4 @@
-"""MCAP files of serialised ROS 2 messages, for Foxglove, PlotJuggler and ``ros2 bag``, and their topics."""
+"""Topics and MCAP files of serialised ROS 2 messages, for Foxglove, PlotJuggler and ``ros2 bag``."""
 
 import json
 import os
@@ -14,10 +14,10 @@ from models.errors import MessageError
 from models.files import part_beside
 from models.nodes import topics
 
-DESCRIPTION, ROBOT = "poise", "robot"  #: Metadata record of the file, and its key with the name of the robot's profile
+DESCRIPTION, ROBOT = "poise", "robot"  #: Metadata record of the file, and the key of the robot's profile name in it
 DIAGNOSTICS = "/diagnostics"
 EVENTS = "events"  #: Events of the closed loop as text
-#: Recorded topics by their type; names without a slash are relative to the namespace of the robot
+#: Recorded topics by type; names without a slash are relative to the namespace of the robot
 _TOPICS = {
     "sensor_msgs/msg/JointState": (
         *(topics.JOINT_STATES, topics.HEAD_COMMAND, topics.HEAD_STATE, topics.ENCODER_OFFSETS, topics.POSTURE),
@@ -48,7 +48,7 @@ _TOPICS = {
 }
 TYPES = {topic: kind for kind, names in _TOPICS.items() for topic in names}  #: Type of each topic
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
-#: Offered QoS as ``ros2 bag record`` of Jazzy writes it; JSON is valid YAML, which rosbag2 expects
+#: Offered QoS in the format of ``ros2 bag record`` of Jazzy; rosbag2 expects YAML, and JSON is valid YAML
 _LATCHED = json.dumps(
     [
         {
@@ -61,7 +61,7 @@ _LATCHED = json.dumps(
 
 
 class McapLog:
-    """Serialised messages with their definitions; the file appears at ``close``. ``PoiseError`` when not writable."""
+    """Writes serialised messages with their definitions; ``close`` completes the file. ``PoiseError`` on failure."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._part = path, part_beside(path)
@@ -73,9 +73,9 @@ class McapLog:
         self.counts: dict[str, int] = {}
 
     def announce(self, topic: str, kind: str, *, latched: bool = False) -> None:
-        """Declare the type of a topic before its first message; ``MessageError`` when it is not installed.
+        """Declare the type of a topic before its first message; ``MessageError`` when the type is not installed.
 
-        ``ros2 bag play`` publishes a ``latched`` one transient local, and every other one volatile.
+        ``ros2 bag play`` publishes a ``latched`` topic as transient local, any other topic as volatile.
         """
         if kind not in self._schemas:
             text = message_text(kind)
@@ -109,7 +109,7 @@ _RULE = 80 * "="
 
 
 def message_text(name: str) -> str:
-    """Definition of a message and of all messages in it (MCAP's ``ros2msg``); ``MessageError`` when not installed."""
+    """Definition of a message and of all nested messages (``ros2msg`` of MCAP); ``MessageError`` when not installed."""
     own, *others = _closure(name)
     parts = [f"\n{_RULE}\nMSG: {other.replace('/msg/', '/')}\n{_text(other)}" for other in others]
     return "".join([_text(own), *parts])
@@ -118,7 +118,7 @@ def message_text(name: str) -> str:
 @cache
 def _text(name: str) -> str:
     sourced = [prefix for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
-    for prefix in (*sourced, sysconfig.get_path("data")):  # the wheels' share folder is that of the environment
+    for prefix in (*sourced, sysconfig.get_path("data")):  # wheels use the share folder of the environment
         path = Path(prefix) / "share" / f"{name}.msg"
         if path.is_file():
             return path.read_text(encoding="utf-8")

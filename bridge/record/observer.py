@@ -1,4 +1,4 @@
-"""Records a running robot from its topics at little cost to the graph: it polls a hundred times a second."""
+"""Records a running robot by polling its topics a hundred times a second, at little cost to the graph."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -23,13 +23,13 @@ from models.types import Matrix, Vector
 
 
 class Observer:
-    """Stores the newest sample of each topic at every ``poll``, without an executor, and joins them by stamps later."""
+    """Stores the newest sample of each topic at every ``poll``, without an executor; ``recording`` aligns stamps."""
 
     def __init__(self, model: RobotModel, context: Context | None = None) -> None:
         self._model, self._data = model, model.data()
         self._node = Node("poise_observer", context=context)
         odometry, joints = OdometryCodec(), JointStateCodec(model)
-        #: Type and decoder of each topic, whose values become one row
+        #: Type and decoder of each topic; the decoded values make one row
         kinds: dict[str, tuple[type, Callable[[bytes], Sequence[Any]]]] = {
             topics.GROUND_TRUTH: (Odometry, odometry.decode),
             topics.ODOM: (Odometry, odometry.decode),
@@ -53,9 +53,9 @@ class Observer:
             stamp, *values = decode(data)
             rows = self._rows[topic]
             if rows and stamp == rows[-1][0]:
-                continue  # published again while time waits
+                continue  # published again while simulated time waits
             if rows and stamp < rows[-1][0]:
-                rows.clear()  # a new run, as after a reset
+                rows.clear()  # a new run, for example after a reset
             rows.append((stamp, np.concatenate(values)))
             if topic == topics.GROUND_TRUTH:
                 self.stamp = stamp / NANOSECONDS
@@ -67,7 +67,7 @@ class Observer:
 
     @property
     def place(self) -> tuple[float, float, float]:
-        """Estimated stance: x [m], y [m] and heading [rad] of the middle between the soles."""
+        """Estimated stance: x [m], y [m] and heading [rad] of the midpoint of the soles."""
         q = np.concatenate([self._newest(topics.ODOM)[:7], self._newest(topics.JOINT_STATES)[: self._model.nj]])
         return sole_middle(self._model, self._data, q)
 
@@ -80,19 +80,19 @@ class Observer:
         return self._rows[topic][-1][1]
 
     def recording(self, events: list[tuple[float, str]]) -> Recording:
-        """The run at the stamps of the true base, others interpolated; ``PoiseError`` when a topic was silent."""
+        """The run at the stamps of the true base; other topics are interpolated. ``PoiseError`` for a silent topic."""
         silent = [topic for topic, rows in self._rows.items() if topic != topics.ODOM and len(rows) < 2]
         if silent:
             raise PoiseError(f"nothing to record: {', '.join(silent)} silent")
         t, base = _table(self._rows[topics.GROUND_TRUTH])
 
         def at_base(topic: str) -> Matrix:
-            """Linear interpolation of each column at the stamps of the base; the ends are held (n, k)."""
+            """Linear interpolation of each column at the stamps of the base (n, k); constant beyond the ends."""
             stamps, values = _table(self._rows[topic])
             return np.column_stack([np.interp(t, stamps, column) for column in values.T])
 
         joints = at_base(topics.JOINT_STATES)
-        wrenches = np.full((len(t), 2, 6), np.nan)  # where no foot sensors are fitted
+        wrenches = np.full((len(t), 2, 6), np.nan)  # NaN without foot sensors
         for foot, topic in enumerate(self._feet):
             wrenches[:, foot] = at_base(topic)
         estimate = at_base(topics.ODOM)[:, :7] if len(self._rows[topics.ODOM]) > 1 else None

@@ -1,4 +1,4 @@
-"""A run of the robot as arrays, for report, plots and film strip."""
+"""Recording of a run as arrays, for report, plots and film strip."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Recording:
 
     @classmethod
     def load(cls, path: Path) -> Recording:
-        """Read a file of ``save``; ``PoiseError`` for any other file."""
+        """Read a file written by ``save``; ``PoiseError`` for any other file."""
         try:
             with open_arrays(path) as data:
                 events = zip(data["event_times"].tolist(), data["event_texts"].tolist(), strict=True)
@@ -70,7 +70,7 @@ class Recording:
 
 
 def sole_middle(model: RobotModel, data: pin.Data, q: Vector) -> tuple[float, float, float]:
-    """X [m], y [m] and heading [rad] half-way between the soles of a configuration (nq,)."""
+    """X [m], y [m] and heading [rad] of the midpoint of the soles at a configuration (nq,)."""
     pin.framesForwardKinematics(model.pin, data, q)
     poses = [data.oMf[foot.frame_id] for foot in model.feet]
     middle = 0.5 * (poses[0].translation + poses[1].translation)

@@ -1,7 +1,7 @@
 """Film strip or animation of a recorded run, or of several robots in one world, drawn by MuJoCo without a display.
 
 Run as ``python -m bridge.record.render [--profile PROFILE] [--terrain NAME] RECORDING... PICTURE`` in a separate
-process: broken OpenGL libraries end the process that loads them. A picture named ``.gif`` is an animation.
+process, because broken OpenGL libraries crash the process that loads them. A picture named ``.gif`` is an animation.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 
 FRAMES, ROWS = 12, 2  #: Pictures in a film strip, and rows of it [-]
 FRAME_SIZE = (300, 480)  #: Width and height of one picture [pixel]
-GIF_SIZE, GIF_RATE, GIF_SPEED = (160, 230), 6, 4.5  #: Of an animation: size [pixel], pictures a second, times real time
-GIF_COLORS = 32  #: Of its palette [-]
+GIF_SIZE, GIF_RATE, GIF_SPEED = (160, 230), 6, 4.5  #: Animation: size [pixel], rate [1/s], ratio to real time [-]
+GIF_COLORS = 32  #: Colours in the palette of an animation [-]
 PROFILE = 90.0  #: Azimuth of the view of a robot on a terrain [deg]
-RISER_TURN = 15.0  #: From there: to ahead, in pictures to behind where the ground rises, so that risers show [deg]
-RISES = 0.05  #: Height from which ground rises that is as far ahead as the robot is tall [m]
+RISER_TURN = 15.0  #: Turn from there to ahead [deg]; in pictures of rising ground to behind, so that risers show
+RISES = 0.05  #: Rise of the ground over one robot height ahead from which it counts as rising [m]
 DONE = "done"  #: Last word of the events that end a part of the run
 INPUT_ERROR = 3  #: Exit status for an unusable recording or profile
-DARKEST = 0.2  #: Of each colour of a portrait: black robots would have no edges [-]
-PELVIS = 0.55  #: Height of the pelvis over that of the whole body [-]
+DARKEST = 0.2  #: Least value of each colour channel in a portrait [-]; a black robot would show no edges
+PELVIS = 0.55  #: Ratio of the height of the pelvis to the height of the body [-]
 GL_PACKAGES = "Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
 GL_ADVICE = f"no pictures: EGL was not found; {GL_PACKAGES}"
 
@@ -43,13 +43,13 @@ GL_ADVICE = f"no pictures: EGL was not found; {GL_PACKAGES}"
 def render_filmstrip(
     recording_file: Path, picture: Path, robot: str = "", *, terrain: str = FLAT, timeout: float = 120.0
 ) -> str:
-    """Draw a film strip of a file of ``Recording.save`` in another process; returns the error, or an empty text."""
+    """Draw a film strip of a saved ``Recording`` in another process; returns the error, empty on success."""
     options = ["--profile", robot, "--terrain", terrain]
     return run_renderer("bridge.record.render", [*options, str(recording_file), str(picture)], picture, timeout)
 
 
 def run_renderer(module: str, arguments: Sequence[str], picture: Path, timeout: float) -> str:
-    """Run a module that draws ``picture``, for at most ``timeout`` [s]; returns the error, or an empty text."""
+    """Run a module that draws ``picture``, for at most ``timeout`` [s]; returns the error, empty on success."""
     if ctypes.util.find_library("EGL") is None:
         return GL_ADVICE
     try:
@@ -72,10 +72,10 @@ def run_renderer(module: str, arguments: Sequence[str], picture: Path, timeout: 
 
 
 def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
-    """Stamps to draw, increasing [s]: beginning, end, and in each part of the run the posture farthest from its first.
+    """Increasing stamps to draw [s]: start, end, and the posture farthest from the initial one in each part of the run.
 
-    A part lasts from an event to the next one. The rest of the ``count`` (at least two) is 0.6 of the way to each of
-    these postures, then the middle of the widest gaps.
+    A part lasts from an event to the next one. The remaining stamps, up to ``count`` (at least two), are those at 0.6
+    of the deviation of these postures, then midpoints of the widest gaps.
     """
     t = recording.t
     deviation = np.linalg.norm(recording.q[:, 7:] - recording.q[0, 7:], axis=1) + np.abs(
@@ -104,10 +104,10 @@ def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
 
 
 def draw(recordings: Sequence[Recording], picture: Path, profile: str = "", terrain: str = FLAT) -> None:
-    """Draw in this process; needs ``MUJOCO_GL`` set before MuJoCo is first imported.
+    """Draw in this process; ``MUJOCO_GL`` must be set before MuJoCo is first imported.
 
-    The recordings, one for each robot, have the same stamps; the events of the first are shown. ``picture`` is PNG or
-    JPEG, or an animation (GIF), by its name; ``profile`` replaces those of the recordings unless empty.
+    The recordings, one for each robot, have the same stamps; the events of the first are shown. The extension of
+    ``picture`` selects PNG, JPEG or an animation (GIF); ``profile``, unless empty, replaces those of the recordings.
     """
     import mujoco
     from PIL import Image, ImageDraw, ImageFont
@@ -130,7 +130,7 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "", terr
     t = recording.t
     if animated:
         times = list(np.arange(t[0], t[-1], GIF_SPEED / GIF_RATE))
-    else:  # on a terrain every step counts
+    else:  # evenly spaced on a terrain
         times = frame_times(recording) if terrain == FLAT else np.linspace(t[0], t[-1], FRAMES).tolist()
     tall = max(float(each.q[0, 2]) for each in recordings) / PELVIS
     places = np.array([each.q[:, :2] for each in recordings])  # (robots, n, 2)
@@ -193,7 +193,7 @@ def portrait(robot: RobotModel, q: Vector, size: tuple[int, int], label: str) ->
 
 
 def _camera(model: Any, size: tuple[int, int], extent: float) -> Any:
-    """View of a scene with an extent [m]; ``size`` of the picture, width and height [pixel]."""
+    """Camera for a scene with an extent [m]; ``size`` is width and height of the picture [pixel]."""
     import mujoco
 
     model.vis.global_.offwidth, model.vis.global_.offheight = size
@@ -204,7 +204,7 @@ def _camera(model: Any, size: tuple[int, int], extent: float) -> Any:
 
 
 def main(arguments: list[str]) -> int:
-    """Draw the last argument from the recordings before it."""
+    """Draw the picture named by the last argument from the recordings named before it."""
     parser = argparse.ArgumentParser(prog="python -m bridge.record.render")
     parser.add_argument("--profile", default="")
     parser.add_argument("--terrain", default=FLAT)

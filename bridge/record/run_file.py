@@ -31,7 +31,7 @@ from models.nodes.odometry import OdometryCodec
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import JointCommand, JointTrajectory, Vector
 
-Joints = tuple[int, Vector, Vector, Vector]  #: Own stamp [ns], positions, velocities, torques (nj,)
+Joints = tuple[int, Vector, Vector, Vector]  #: Sampling stamp [ns], positions, velocities, torques (nj,)
 
 
 @dataclass(slots=True)
@@ -41,7 +41,7 @@ class RecordedRun:
     robot: RobotModel
     joints: dict[int, Joints] = field(default_factory=dict)
     imu: dict[int, tuple[Vector, Vector]] = field(default_factory=dict)  #: Rate and specific force (3,)
-    #: Wrenches of either foot (6,)
+    #: Wrenches of the left and the right foot (6,)
     feet: tuple[dict[int, Vector], dict[int, Vector]] = field(default_factory=lambda: ({}, {}))
     commands: dict[int, JointCommand] = field(default_factory=dict)  #: Outputs of the laws
     #: Estimated base: pose (7,) and twist in the base frame (6,)
@@ -54,18 +54,18 @@ class RecordedRun:
 
     @property
     def lost(self) -> int:
-        """Missing joint samples, by the shortest step of the stamps."""
+        """Number of missing joint samples, from the shortest interval of the stamps."""
         return missing(self.joints)
 
 
 def missing(stamps: Iterable[int]) -> int:
-    """How many stamps [ns] are missing from a sequence whose shortest step is its period."""
+    """Number of stamps [ns] missing in a sequence; the shortest interval is taken as the period."""
     steps = np.diff(np.unique(np.fromiter(stamps, dtype=np.int64)))
     return int((np.rint(steps / steps.min()) - 1).sum()) if steps.size else 0
 
 
 def read_run(path: Path, robot: str = "") -> RecordedRun:
-    """Read an MCAP file of ``poise record`` or a closed loop, of its robot or a given profile; or ``PoiseError``."""
+    """Read an MCAP file of ``poise record`` or a closed loop; ``robot`` replaces its profile. Raises ``PoiseError``."""
     if path.suffix == SUFFIX:
         raise PoiseError(f"{path}: is a black box, not a recording; `poise log black-box` draws it")
     try:
@@ -79,7 +79,7 @@ def read_run(path: Path, robot: str = "") -> RecordedRun:
             takers = _takers(run)
             summary = reader.get_summary()
             recorded = set() if summary is None else {each.topic.lstrip("/") for each in summary.channels.values()}
-            if topics.JOINT_SETPOINTS not in recorded:  # of an earlier version, whose setpoints had this name
+            if topics.JOINT_SETPOINTS not in recorded:  # an earlier version used this name for setpoints
                 takers[topics.JOINT_TRAJECTORY] = takers[topics.JOINT_SETPOINTS]
             for _, channel, message in reader.iter_messages():
                 take = takers.get(channel.topic.lstrip("/"))
