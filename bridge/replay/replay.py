@@ -28,7 +28,7 @@ QUANTITIES = (("q", "rad"), ("v", "rad/s"), ("tau", "N.m"))  #: Quantities of a 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The first number that differs, of the command's ``q``, ``v`` or ``tau``, at a stamp [s]."""
+    """The first value of ``q``, ``v`` or ``tau`` in a command that differs, at a stamp [s]."""
 
     t: float
     joint: str
@@ -49,26 +49,26 @@ class ReplayReport:
     """Result of a replay."""
 
     ticks: int = 0  #: Samples given to the estimator
-    compared: int = 0  #: Commands that were compared, all identical when ``first`` is None
+    compared: int = 0  #: Compared commands; all are identical when ``first`` is None
     different: int = 0  #: Commands that differ
-    unrecorded: int = 0  #: Commands of the replay that the recording lacks
-    unmatched: int = 0  #: Commands of the recording, from the start of the laws on, that the replay lacks
+    unrecorded: int = 0  #: Commands of the replay that are not in the recording
+    unmatched: int = 0  #: Commands of the recording, since the start of the laws, that are not in the replay
     lost: int = 0  #: Ticks with missing sensors
-    gaps: int = 0  #: Missing notes, by their running number
+    gaps: int = 0  #: Missing notes, from gaps in their numbers
     largest: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Largest difference of each quantity [rad, rad/s, N.m]
     first: Difference | None = None  #: The first difference
-    end: str = ""  #: Why the replay ended before the recording; empty when it did not
-    since: float | None = None  #: Start of the replay, if that is a checkpoint [s]
+    end: str = ""  #: Reason why the replay ended before the recording; empty when it did not
+    since: float | None = None  #: Start of the replay at a checkpoint [s]; None without one
 
     @property
     def identical(self) -> bool:
-        """Whether every command is identical to the last bit, and none is missing on either side."""
+        """Whether all commands are bit-identical, and none is missing in recording or replay."""
         wrong = self.different + self.unrecorded + self.unmatched + self.lost + self.gaps
         return self.compared > 0 and wrong == 0 and not self.end
 
 
 def replay(run: RecordedRun) -> ReplayReport:
-    """Run the laws from the estimator's first start in a recording; ``PoiseError`` without one or without sensors."""
+    """Run the laws from the first start of the estimator; ``PoiseError`` for a recording without start or sensors."""
     start = next((note for note in run.notes if note.value("start") is not None), None)
     if start is None:
         raise PoiseError(
@@ -101,7 +101,7 @@ def replay(run: RecordedRun) -> ReplayReport:
 
 
 def _repeated(notes: list[TickInputs]) -> dict[int, list[TickInputs]]:
-    """Notes of repeated answers, by their stamp [ns]."""
+    """Notes of repeated answers by stamp [ns]."""
     again = [note for note in notes if note.again]
     return {stamp: [note for note in again if note.stamp == stamp] for stamp in {note.stamp for note in again}}
 
@@ -114,13 +114,13 @@ def _gaps(notes: list[TickInputs]) -> int:
 def _ticks(
     run: RecordedRun, start: int, report: ReplayReport
 ) -> Iterator[tuple[int, SensorData, TickInputs | None, float | None]]:
-    """Stamp, sample and note of every tick of the laws; and its length [s], where samples are missing.
+    """Stamp, sample and note of every tick of the laws, and the length of the tick [s] if samples are missing.
 
-    A tick follows the last one by the noted time; samples in between were not received by the laws. Where the sample of
-    a tick is missing, the next one is used for a longer tick.
+    The notes give the time between ticks; the laws did not receive the samples in between. If the sample of a tick is
+    missing, the tick is extended to the next sample.
     """
     notes = {note.stamp: note for note in run.notes if not note.again}
-    before: dict[int, int] = {}  # stamp of a tick and of the one before, where it is noted
+    before: dict[int, int] = {}  # stamp of a tick to that of the tick before, from the notes
     starts = {note.stamp: note.value("start")["after"] for note in run.notes if note.value("start") is not None}
     for note in run.notes:
         if (dt := note.value("dt")) is not None:
@@ -139,7 +139,7 @@ def _ticks(
             continue
         sensors = _sample(run, stamp, inputs)
         if sensors is None:
-            continue  # the next tick finds that this one is missing
+            continue  # the next tick detects the missing one
         late = bool(last) and stamp != due and stamp not in starts
         if late:
             report.lost += 1
@@ -148,7 +148,7 @@ def _ticks(
 
 
 def _sample(run: RecordedRun, stamp: int, note: TickInputs | None) -> SensorData | None:
-    """The sensors of a tick as the laws received them; None where one is missing."""
+    """Sensor data of a tick as the laws received them; None if a sample is missing."""
     mixed = (note.value("sample") if note is not None else None) or {}
     own, q, v, tau = run.joints[stamp]
     at = [mixed.get(source, stamp) for source in SOURCES[IMU:]]
@@ -168,7 +168,7 @@ def _sample(run: RecordedRun, stamp: int, note: TickInputs | None) -> SensorData
 def compare(
     joints: Sequence[str], stamp: int, recorded: JointCommand | None, command: JointCommand, report: ReplayReport
 ) -> None:
-    """Compare a command with the recorded one (None where unknown) at a stamp [ns], and count it in ``report``."""
+    """Compare a command with the recorded one (None if there is none) at a stamp [ns]; count it in ``report``."""
     if recorded is None:
         report.unrecorded += 1
         return
@@ -177,7 +177,7 @@ def compare(
     first: Difference | None = None
     for i, (quantity, _) in enumerate(QUANTITIES):
         old, new = getattr(recorded, quantity), getattr(command, quantity)
-        wrong = old.view(np.int64) != np.ascontiguousarray(new).view(np.int64)  # bits: -0.0 is not 0.0 here
+        wrong = old.view(np.int64) != np.ascontiguousarray(new).view(np.int64)  # bitwise: -0.0 differs from 0.0
         if not wrong.any():
             continue
         largest[i] = max(largest[i], float(np.abs(new - old).max()))
@@ -192,9 +192,9 @@ def compare(
 def replay_box(record: BlackBoxRecord, robot: str = "") -> ReplayReport:
     """Run the laws of a black box.
 
-    A damped row has no command: where a law still answered that tick, its answer is not compared. ``robot`` is a
-    profile, by name or path; that of the record when empty. Raises ``PoiseError`` without a checkpoint or for another
-    version, ``ConfigError`` when the settings are not of this version.
+    A damped row has no command; the answer of a law to such a tick is not compared. ``robot`` is a profile, by name or
+    path; when empty, the profile of the record. Raises ``PoiseError`` without a checkpoint or for another version,
+    ``ConfigError`` for settings of another version.
     """
     if record.format < FORMAT:
         raise PoiseError(
@@ -224,7 +224,7 @@ def replay_box(record: BlackBoxRecord, robot: str = "") -> ReplayReport:
         stamp = int(record.stamp[row])
         try:
             command = laws.tick(_row_sample(record, row), first.get(stamp))
-            for more in again.get(stamp, ()):  # the row holds the first answer
+            for more in again.get(stamp, ()):  # the row contains the first answer
                 laws.again(more)
         except PoiseError as error:
             report.end = f"t={stamp / NANOSECONDS:.3f} s: {error}"

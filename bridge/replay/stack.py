@@ -1,4 +1,4 @@
-"""The control stack of a recording, run on the same samples and inputs."""
+"""Runs the control stack of a recording on the recorded samples and inputs."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 def stack_config(settings: Mapping[str, dict[str, Any]]) -> StackConfig:
-    """Configuration from a log; ``PoiseError`` for missing settings, ``ConfigError`` for those of another version."""
+    """Configuration from a log; ``PoiseError`` for missing settings, ``ConfigError`` for settings of other versions."""
 
     def given(schema: type[T], stage: str) -> T:
         if stage not in settings:
@@ -39,14 +39,14 @@ def stack_config(settings: Mapping[str, dict[str, Any]]) -> StackConfig:
         gait=given(GaitConfig, "gait"),
         balance=given(BalanceConfig, "balance"),
         whole_body=given(WholeBodyConfig, "whole_body"),
-        head=given(HeadConfig, "head") if "head" in settings else None,  # a robot without a head has none
+        head=given(HeadConfig, "head") if "head" in settings else None,  # absent for a robot without a head
     )
 
 
 class ReplayedStack:
-    """A stack with the recorded ``settings``, driven by samples and inputs; ``motions`` are by number.
+    """Stack with the recorded ``settings``, driven by samples and inputs; ``motions`` are indexed by number.
 
-    Once the laws have started over (``begun``), their commands are those of the recording.
+    Once the laws have been reset (``begun``), their commands reproduce the recording.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class ReplayedStack:
         self.begun = False
         self._inputs: dict[str, Callable[..., None]] = {
             "start": self._start,
-            "sample": lambda _: None,  # the caller has decoded it
+            "sample": lambda _: None,  # decoded by the caller
             "dt": partial(setattr, self, "_dt"),
             "law_dt": partial(setattr, self, "_law_dt"),
             "reset": self._reset,
@@ -90,10 +90,10 @@ class ReplayedStack:
         self.begun = self._estimating = self._steps = True
 
     def tick(self, sensors: SensorData, inputs: TickInputs | None, dt: float | None = None) -> JointCommand | None:
-        """One tick; the command, or None when no law moved the joints or their initial state is unknown.
+        """Run one tick; returns the command, or None if no law moved the joints or their initial state is unknown.
 
-        ``dt`` is the time since the last sample where that is not the recorded one, because samples are missing [s].
-        Raises ``PoiseError`` when an input cannot be repeated.
+        ``dt`` is the time since the last sample [s]; it replaces the recorded time if samples are missing. Raises
+        ``PoiseError`` when an input cannot be repeated.
         """
         self._steps = True
         self._apply(*(() if inputs is None else inputs.before))
@@ -104,7 +104,7 @@ class ReplayedStack:
         return self._answer(inputs, dt)
 
     def again(self, inputs: TickInputs) -> JointCommand | None:
-        """Repeat the answer to the last state, as the stack did when the plant repeated its request; see ``tick``."""
+        """Compute the answer to the last state again, as for a repeated request of the plant; see ``tick``."""
         self._apply(*inputs.before)
         return self._answer(inputs, None)
 

@@ -42,41 +42,41 @@ from models.types import CommandReply, Mode
 if TYPE_CHECKING:
     from controllers.commands.command_signature import Signer
 
-PLANNING = 0.5  #: Wait for a motion to be planned, after which it is answered that it was requested [s]
-DISCOVERY = 0.5  #: Time in which a new participant discovers the others; no command is sent before [s]
-LIMITING = 0.3  #: Wait for the gait planner to say that it limits a velocity [s]
-SETTLE_TIME = 0.2  #: Time for a service to discover its new client, without which its answer is lost [s]
+PLANNING = 0.5  #: Longest wait for the plan of a motion [s]; the reply afterwards is that it was requested
+DISCOVERY = 0.5  #: Time in which a new participant discovers the others [s]; no command is sent earlier
+LIMITING = 0.3  #: Longest wait for a report of the gait planner that it limits a velocity [s]
+SETTLE_TIME = 0.2  #: Time for a service to discover its new client [s]; its answer would be lost before
 SPIN = 0.01  #: Longest wait for a callback between two checks of a condition [s]
-STOP = "stop"  #: Command that every source may send; never signed, so that no signature can be refused
+STOP = "stop"  #: Command that every source may send; it is never signed, so that no signature can be refused
 
 
 def signed(text: str, signer: Signer | None) -> str:
-    """The text to send; ``signer`` None leaves it unsigned. ``CommandError`` when it cannot be signed."""
+    """Text to send, signed unless ``signer`` is None; ``CommandError`` when it cannot be signed."""
     return text if signer is None or text.strip().lower() == STOP else signer.sign(text)
 
 
 class Client:
     """Sends commands to a running robot and follows its mode and motions.
 
-    A context manager with a separate ROS context: it can be opened again and beside others.
+    A context manager with a separate ROS context. It can be entered again, and several can be open at a time.
 
     Args:
         network: Whether the robot may run on another machine; loopback only otherwise.
-        signer: Signs every text command; None sends them unsigned.
-        namespace: Of the robot; empty for none.
+        signer: Signs every text command; they are unsigned when None.
+        namespace: Namespace of the robot; empty for none.
 
     Raises:
         PoiseError: The namespace is no valid name.
 
     Attributes:
-        namespace: Of the robot, with its leading slash; empty for none.
-        mode: Newest word on ``mode``; empty before the first.
+        namespace: Namespace of the robot with a leading slash; empty for none.
+        mode: Newest message on ``mode``; empty before the first.
         motions: Every status of a motion, in order.
         status: Newest status of the supervisor; None before the first.
-        driver_state: Newest word on ``driver_state``; empty before the first.
+        driver_state: Newest message on ``driver_state``; empty before the first.
         gait: Newest status of the gait planner; None before the first.
-        commander: Source in command, of ``commands/active``; empty before the first word.
-        factor: Ratio of the robot's time to real time, 0 while it stands still; NaN before the first.
+        commander: Active command source, from ``commands/active``; empty before the first message.
+        factor: Ratio of robot time to real time, 0 while the robot time stands still; NaN before the first message.
         node: The node, for further topics and services inside the ``with`` block.
     """
 
@@ -136,39 +136,39 @@ class Client:
 
     def _on_status(self, status: SupervisorStatus) -> None:
         self.status = status
-        self.mode = self.mode or status.mode.value  # ``mode`` itself may be discovered later
+        self.mode = self.mode or status.mode.value  # the topic ``mode`` may be discovered later
 
     @property
     def holds(self) -> str:
-        """Why no walk may go on; empty without a reason."""
+        """Reasons that hold a walk; empty if there are none."""
         return "" if self.status is None else "; ".join(self.status.holds)
 
     @property
     def obstacle(self) -> str:
-        """How an obstacle limits the walk; empty while none does."""
+        """How an obstacle limits the walk; empty without a limit."""
         return "" if self.status is None else self.status.obstacle
 
     def status_is_current(self) -> bool:
-        """Whether the status is that of the present mode: either may be received first."""
+        """Whether status and mode agree; either of them may be received first."""
         return self.status is not None and self.status.mode.value == self.mode
 
     @property
     def paused(self) -> str:
-        """What to do where a simulated robot's time stands still; empty while it advances, and for a real robot."""
+        """Remedy when the time of a simulated robot stands still; empty while it advances, and for a real robot."""
         pause = f'ros2 service call {self.namespace}/pause std_srvs/srv/SetBool "{{data: false}}"'
         text = f"the robot's time stands still: poise reset, or {pause}, ends a pause of the simulation"
         return "" if self.factor or self.node.count_publishers(topics.START_STATUS) else text
 
     def robot(self, timeout: float = 5.0) -> str:
-        """Profile name of the running robot, from its supervisor's status; ``CommandError`` after ``timeout`` [s]."""
+        """Profile name of the running robot, from the supervisor status; ``CommandError`` after ``timeout`` [s]."""
         self.expect(lambda: self.status is not None, timeout, "robot on", topics.SUPERVISOR_STATUS)
         assert self.status is not None
         return self.status.robot
 
     def expect(self, condition: Callable[[], bool], timeout: float, what: str, name: str) -> None:
-        """Wait for ``what`` at a topic or service; ``CommandError`` after ``timeout`` [s] with namespaces of robots.
+        """Wait for ``what`` at a topic or service; after ``timeout`` [s] a ``CommandError`` suggests a remedy.
 
-        The wait is at most ``ROBOT_TIMEOUT`` where other graphs run on this machine instead.
+        The wait is at most ``ROBOT_TIMEOUT`` if only other graphs run on this machine.
         """
         elsewhere = "" if self._network else graphs_elsewhere(self.namespace)
         timeout = min(timeout, ROBOT_TIMEOUT) if elsewhere else timeout
@@ -194,7 +194,7 @@ class Client:
         self.wait(lambda: False, duration)
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Serve callbacks until a condition, checked after each, is met; whether it was within ``timeout`` [s]."""
+        """Serve callbacks until a condition is met; returns whether it was met within ``timeout`` [s]."""
         end = time.monotonic() + timeout
         while not condition():
             if (left := end - time.monotonic()) <= 0.0:
@@ -206,18 +206,18 @@ class Client:
         self.expect(lambda: self._text.get_subscription_count() > 0, timeout, "subscriber on", topics.HUMANOID_COMMANDS)
 
     def send(self, text: str, timeout: float = 5.0) -> None:
-        """Publish a text command; ``CommandError`` without a subscriber in ``timeout`` [s], or if signing fails."""
+        """Publish a text command; ``CommandError`` if signing fails or there is no subscriber in ``timeout`` [s]."""
         self._expect_subscriber(timeout)
-        self.spin(self._entered + DISCOVERY - time.monotonic())  # nodes of the user subscribe, too
+        self.spin(self._entered + DISCOVERY - time.monotonic())  # also wait for subscribers of the user
         self._text.publish(String(data=signed(text, self._signer)))
 
     def command(self, text: str, timeout: float = 2.0) -> CommandReply:
-        """Send a text command; returns the supervisor's answer, or that of the motion planner if it comes soon.
+        """Send a text command; returns the answer of the supervisor, or of the motion planner if it arrives in time.
 
-        The answer to a velocity has how the gait planner limits it.
+        The reply to a velocity includes limits that the gait planner applies.
 
-        Each is awaited for ``timeout`` [s], a motion for ``PLANNING`` [s]. Raises ``CommandError`` when no supervisor
-        subscribes.
+        The supervisor has ``timeout`` [s] to answer, the motion planner ``PLANNING`` [s]. Raises ``CommandError`` when
+        no supervisor subscribes.
         """
         self._expect_subscriber()
         self.wait(lambda: self.status is not None, timeout)
@@ -228,10 +228,10 @@ class Client:
         def answered() -> bool:
             return before is not None and self.status is not None and self.status.answered > before.answered
 
-        def motions() -> list[MotionStatus]:  # the end of one is that of an earlier command
+        def motions() -> list[MotionStatus]:  # an ended one belongs to an earlier command
             return [each for each in self.motions if each.state not in (MotionState.DONE, MotionState.ENDED)]
 
-        self.wait(answered, timeout)  # also where the motion is there before, else the next command takes this answer
+        self.wait(answered, timeout)  # also after a motion status: the next command would get it
         status = self.status
         if answered() and status is not None and before is not None and status.refused > before.refused:
             return CommandReply(False, status.answer)
@@ -248,18 +248,18 @@ class Client:
     def trigger(
         self, service: str, timeout: float = 5.0, answer_timeout: float | None = None, *, at_once: bool = False
     ) -> CommandReply:
-        """Call a std_srvs/Trigger service; numbers in its answer become details.
+        """Call a std_srvs/Trigger service; numbers in the answer become details of the reply.
 
-        ``timeout`` is for the service and for its answer, each [s]; ``answer_timeout`` replaces the latter;
-        ``at_once`` as for ``call``. Raises ``CommandError`` when the service is absent or does not answer.
+        ``timeout`` [s] applies to the service and to its answer; ``answer_timeout`` replaces it for the answer.
+        ``at_once`` is as for ``call``. Raises ``CommandError`` when the service is absent or does not answer.
         """
         answer = self.call(Trigger, service, Trigger.Request(), timeout, answer_timeout or timeout, at_once=at_once)
         return text_to_reply(bool(answer.success), str(answer.message))
 
     def await_trigger(self, service: str, timeout: float = 5.0) -> str:
-        """Wait for a std_srvs/Trigger service; returns the profile name of the robot, as far as its supervisor is up.
+        """Wait for a std_srvs/Trigger service; returns the profile name of the robot, if the supervisor is up.
 
-        ``CommandError`` when the service is absent for ``timeout`` [s].
+        Raises ``CommandError`` when the service is absent for ``timeout`` [s].
         """
         client = self.node.create_client(Trigger, service)
         try:
@@ -270,12 +270,12 @@ class Client:
         return "robot without supervisor" if self.status is None else self.status.robot
 
     def switch(self, service: str, on: bool, timeout: float = 5.0) -> CommandReply:
-        """Call a std_srvs/SetBool service; otherwise as ``trigger``."""
+        """Call a std_srvs/SetBool service; see ``trigger``."""
         answer = self.call(SetBool, service, SetBool.Request(data=on), timeout, timeout)
         return text_to_reply(bool(answer.success), str(answer.message))
 
     def set_parameter(self, node: str, name: str, value: bool | int | float | str) -> None:
-        """Set a parameter of a node; ``CommandError`` without an answer, or with the reason of a refusal."""
+        """Set a parameter of a node; ``CommandError`` without an answer or, with the reason, on refusal."""
         request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
         (result,) = self.call(SetParameters, f"{node}/set_parameters", request).results
         if not result.successful:
@@ -291,10 +291,10 @@ class Client:
         *,
         at_once: bool = False,
     ) -> Any:
-        """Call a service within the timeouts for service and answer [s]; otherwise ``CommandError``.
+        """Call a service; ``CommandError`` after the timeout for the service or for its answer [s].
 
-        ``at_once`` is for a request that may be repeated: it is sent before the service has discovered this client, and
-        again where the answer is lost for that.
+        ``at_once`` is for requests that may be repeated. The request is sent before the service has discovered this
+        client. It is sent again if the answer was lost for that reason.
         """
         client = self.node.create_client(kind, service)
         try:
@@ -314,11 +314,11 @@ class Client:
 
 
 ROBOT_TIMEOUT = 2.0  #: Longest wait for a robot [s]
-TOPICS_TIMEOUT = 3.0  #: Longest wait for the other topics after that [s]
+TOPICS_TIMEOUT = 3.0  #: Longest wait for further topics after the robot was found [s]
 
 
 def overview(client: Client) -> dict[str, str]:
-    """Lines by their name; ``CommandError`` when no robot is up."""
+    """Status lines by name; ``CommandError`` when no robot is up."""
     start: list[StartStatus] = []
     subscribe_status(client.node, StartStatus, topics.START_STATUS, start.append, LATCHED)
     routes: list[RouteStatus] = []
@@ -333,13 +333,13 @@ def overview(client: Client) -> dict[str, str]:
 
     client.wait(complete, TOPICS_TIMEOUT)
     if client.mode == Mode.WALK.value:
-        client.wait(lambda: bool(routes), DISCOVERY)  # there may have been none
+        client.wait(lambda: bool(routes), DISCOVERY)  # there may be no route
     status = client.status
-    assert status is not None  # there is a robot
+    assert status is not None  # the wait above found a robot
     locks = "".join(f"; lock '{lock}' is closed" for lock in status.locks)
     return {
         "robot": f"{status.robot}, mode '{status.mode.value}'"
-        + ("" if start else f", drivers '{client.driver_state or 'unknown'}'"),  # the start says more
+        + ("" if start else f", drivers '{client.driver_state or 'unknown'}'"),  # the start has details
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
         "real-time factor": "unknown" if math.isnan(client.factor) else f"{client.factor:.2f}",
         "in command": f"{client.commander or 'unknown'}{locks}",
@@ -351,7 +351,7 @@ def overview(client: Client) -> dict[str, str]:
 
 
 def start_lines(start: StartStatus) -> dict[str, str]:
-    """Lines of a real robot."""
+    """Status lines of the start of a real robot, by name."""
     return {
         "start": start.state,
         "monitors": "; ".join((*start.holds, *start.warnings)) or "no warnings",
@@ -361,12 +361,12 @@ def start_lines(start: StartStatus) -> dict[str, str]:
 
 
 def open_locks(status: SupervisorStatus) -> str:
-    """What to do about the closed locks; empty without one."""
+    """How to open the closed locks; empty if none is closed."""
     return "; ".join(f"commands are locked out by '{x}': publish false on {topics.LOCKS}/{x}" for x in status.locks)
 
 
 def next_step(status: SupervisorStatus, start: StartStatus | None = None) -> str:
-    """What to do next, by the status of the supervisor and, optionally, of the start of a real robot."""
+    """Next action of the user, from the status of the supervisor and, optionally, of the start of a real robot."""
     if start is not None and start.waits_for:
         stopped = "emergency stop" in status.faults
         return start.waits_for + ("; it does not stand before poise mode reset_faults" if stopped else "")

@@ -1,4 +1,4 @@
-"""How processes join the graph: environment, loopback only by default, free domains, and short-lived participants."""
+"""Access of processes to the graph: environment (loopback by default), free domains, short-lived participants."""
 
 import fcntl
 import itertools
@@ -27,21 +27,21 @@ from models.nodes import topics
 from models.nodes.spin import SUPERVISED, log_arguments, log_variables
 from models.numerics.threads import THREAD_VARIABLES
 
-#: Read by the Fast DDS of ROS 2 Jazzy; the newer name ``FASTDDS_...`` is not
+#: Variable that Fast DDS of ROS 2 Jazzy reads; it ignores the newer name ``FASTDDS_...``
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 #: Port of domain 0, ports per domain, and the last domain below Linux's ephemeral ports (DDSI-RTPS 9.6.1)
 DISCOVERY_PORT, DOMAIN_STEP, DOMAIN_MAX = 7400, 250, 101
-LAST_DOMAIN = 232  #: Above it, the ports of DDS end
-#: Port of a domain's first participant after the discovery port, each next one is two on; how many are sought
+LAST_DOMAIN = 232  #: Largest domain with valid DDS ports
+#: Offset of the first participant's port from the discovery port (the others follow in steps of two); number checked
 UNICAST_PORT, PARTICIPANTS = 10, 32
-CLAIM_TIME, CLAIM_PERIOD = 0.5, 0.01  #: For which a graph is claimed, as a command may be looking for it; period [s]
-CLAIMS_MAX = 16  #: Domains that a process holds at a time: the last ones returned
+CLAIM_TIME, CLAIM_PERIOD = 0.5, 0.01  #: Timeout and period of attempts to claim a graph [s]; a query may hold the lock
+CLAIMS_MAX = 16  #: Number of domains that a process holds: the last ones that were returned
 _domains = itertools.count(os.getpid())
 _claims: deque[IO[str]] = deque(maxlen=CLAIMS_MAX)
 
 
 def ros_domain(domain_id: int | None = None) -> int:
-    """``domain_id``, or the ROS domain of the environment when None; ``PoiseError`` where that is not a domain."""
+    """``domain_id``, or the ROS domain of the environment when None; ``PoiseError`` if the latter is invalid."""
     if domain_id is not None:
         return domain_id
     text = os.environ.get("ROS_DOMAIN_ID") or "0"
@@ -55,7 +55,7 @@ def ros_domain(domain_id: int | None = None) -> int:
 def graph_environment(*, domain_id: int | None = None, network: bool = False) -> dict[str, str]:
     """Environment variables to change, by name; a user-defined profile file is kept.
 
-    ``domain_id`` is the ROS domain, that of the environment when None; ``network`` lets other machines join. Raises
+    ``domain_id`` is the ROS domain, from the environment when None; ``network`` lets other machines join. Raises
     ``PoiseError`` as ``ros_domain``.
     """
     variables = dict.fromkeys(THREAD_VARIABLES, "1")
@@ -69,7 +69,7 @@ def graph_environment(*, domain_id: int | None = None, network: bool = False) ->
 
 
 def join_graph(*, domain_id: int | None = None, network: bool = False) -> None:
-    """Bring this process into the graph's environment; call it before ``rclpy.init``."""
+    """Set the environment of the graph in this process; call it before ``rclpy.init``."""
     variables = graph_environment(domain_id=domain_id, network=network)
     del variables[SUPERVISED]
     os.environ.update(variables)
@@ -78,8 +78,8 @@ def join_graph(*, domain_id: int | None = None, network: bool = False) -> None:
 def free_domain() -> int:
     """A ROS domain that no process on this machine uses; the next call returns another one.
 
-    A locked file claims the domain for this process, so that processes that start graphs at the same time never share
-    one. Raises ``PoiseError`` when all are in use.
+    A lock file claims the domain for this process. Processes that start graphs at the same time therefore never share
+    a domain. Raises ``PoiseError`` when all domains are in use.
     """
     for candidate in itertools.islice(_domains, DOMAIN_MAX):
         domain = 1 + candidate % DOMAIN_MAX
@@ -91,7 +91,7 @@ def free_domain() -> int:
 
 
 def _lock(name: str, note: str = "", *, shared: bool = False) -> IO[str] | str:
-    """Lock file of this user, held while open, beside other ``shared`` ones; the holder's note where it is held."""
+    """Lock file of this user, locked while open; the note of the holder if locked. ``shared`` locks may coexist."""
     file = (Path(tempfile.gettempdir()) / f"poise-{name}-{os.getuid()}.lock").open("a+", encoding="utf-8")
     try:
         fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
@@ -107,14 +107,14 @@ def _lock(name: str, note: str = "", *, shared: bool = False) -> IO[str] | str:
 
 
 def _graph(domain_id: int | None, namespace: str) -> tuple[str, str]:
-    """Name of a graph's lock, and its place in words; the domain is that of the environment when None."""
+    """Lock name and readable location of a graph; the domain is taken from the environment when None."""
     domain = ros_domain(domain_id)
     place = f"ROS domain {domain}" + (f", namespace {namespace}" if namespace else "")
     return f"graph-{domain}{namespace.replace('/', '-')}", place
 
 
 def claim_graph(robot: str, domain_id: int | None, namespace: str) -> IO[str]:
-    """Lock file of a graph on this machine, held while open; ``PoiseError`` names robot and process that run there."""
+    """Lock file of a graph on this machine, locked while open; a ``PoiseError`` names robot and process of a holder."""
     name, place = _graph(domain_id, namespace)
     end = time.monotonic() + CLAIM_TIME
     while isinstance(held := _lock(name, f"{robot}, process {os.getpid()}"), str) and time.monotonic() < end:
@@ -128,7 +128,7 @@ def claim_graph(robot: str, domain_id: int | None, namespace: str) -> IO[str]:
 
 
 def graph_holder(namespace: str) -> str:
-    """Robot and process of the graph in this process's domain and a namespace on this machine; empty without one."""
+    """Robot and process of the graph on this machine in a namespace and the current domain; empty without a graph."""
     held = _lock(_graph(None, namespace)[0], shared=True)
     if isinstance(held, str):
         return held
@@ -137,7 +137,7 @@ def graph_holder(namespace: str) -> str:
 
 
 def graphs_elsewhere(namespace: str) -> str:
-    """Graphs of this user on this machine, each with the remedy; empty where one runs in domain and namespace."""
+    """Graphs of this user on this machine, with remedies; empty if one runs in the current domain and namespace."""
     (own, place), user = _graph(None, namespace), f"-{os.getuid()}.lock"
     held: dict[str, str] = {}
     for file in Path(tempfile.gettempdir()).glob(f"poise-graph-*{user}"):
@@ -160,20 +160,20 @@ def graphs_elsewhere(namespace: str) -> str:
 
 
 def namespaces_of_robots(node: Node) -> set[str]:
-    """Namespaces, each with its leading slash or empty, of the robots that ``node`` has discovered."""
+    """Namespaces of the robots that ``node`` has discovered, each with a leading slash or empty."""
     end = f"/{topics.SUPERVISOR_STATUS}"
     seen = [topic for topic, _ in node.get_topic_names_and_types() if topic.endswith(end)]
     return {topic.removesuffix(end) for topic in seen if node.count_publishers(topic)}
 
 
 def other_namespaces(robots: set[str]) -> str:
-    """Where robots are up, none of them in the namespace of this process, with the remedy."""
+    """Message that names the namespaces of robots, when none is in that of this process, with the remedy."""
     option = "leave --namespace out" if robots == {""} else "give --namespace"
     return f"robots are up in {', '.join(robot or '/' for robot in sorted(robots))}: {option}"
 
 
 def _is_free(domain: int) -> bool:
-    """Whether no socket is bound at a domain's multicast port or, in graphs on loopback, at that of a participant."""
+    """Whether no socket is bound to the multicast port of a domain or, on loopback, to the port of a participant."""
     first = DISCOVERY_PORT + DOMAIN_STEP * domain
     for port in (first, *(first + UNICAST_PORT + 2 * participant for participant in range(PARTICIPANTS))):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -192,9 +192,9 @@ def participant(
     namespace: str = "",
     make: Callable[..., Any] = SingleThreadedExecutor,
 ) -> Iterator[tuple[Node, Any]]:
-    """A node, ``name`` with the number of the process, in a separate ROS context, and its executor, until the end.
+    """Context manager of a node in a separate ROS context, and its executor; the process id is added to ``name``.
 
-    With ``network`` the robot may run on another machine. ``make`` makes the executor. Raises ``PoiseError`` for an
+    With ``network`` the robot may run on another machine. ``make`` creates the executor. Raises ``PoiseError`` for an
     invalid namespace.
     """
     namespace = absolute_namespace(namespace)
@@ -202,7 +202,7 @@ def participant(
     context = Context()
     arguments = [*sys.argv, *log_arguments()]
     rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
-    # Nodes of one name hide each other
+    # Nodes with the same name hide each other
     node = Node(f"{name}_{os.getpid()}", context=context, **in_namespace(namespace))
     executor = make(context=context)
     executor.add_node(node)
@@ -220,7 +220,7 @@ def ignore(message: Any) -> None:
 
 
 def newest(subscription: Any) -> bytes | None:
-    """Newest serialised message of a raw subscription of depth 1, or None; those between two polls cost nothing."""
+    """Newest serialised message of a raw subscription of depth 1, or None; messages between polls cost no time."""
     with subscription.handle:
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
     return None if taken is None else bytes(taken[0])

@@ -1,4 +1,4 @@
-"""The robot for the actions: its status topics and services, and one goal at a time."""
+"""Access of the actions to the robot: status topics, services, and one goal at a time."""
 
 from __future__ import annotations
 
@@ -33,35 +33,35 @@ from models.types import CommandReply, Mode, Vector
 
 @config_dataclass(frozen=True, slots=True, config=STRICT)
 class ActionsConfig:
-    """How long the actions wait, and what they take for rest."""
+    """Timeouts of the actions and the criterion for rest."""
 
-    period: Annotated[float, Field(ge=0.01, le=1.0)]  #: Between two looks at what has happened [s]
-    feedback_period: Annotated[float, Field(ge=0.01, le=10.0)]  #: Between two messages of feedback [s]
+    period: Annotated[float, Field(ge=0.01, le=1.0)]  #: Polling period [s]
+    feedback_period: Annotated[float, Field(ge=0.01, le=10.0)]  #: Feedback period [s]
     #: Longest wait for the answer of a service or the gait planner [s]
     answer_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
     #: Longest wait for a motion to start, planning included [s]
     start_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
-    #: Longest wait for a motion that is stopped to slow down [s]
+    #: Longest wait for a stopped motion to come to rest [s]
     halt_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
     walk_timeout: Positive  #: Longest walk to one goal [s]
     #: Longest wait for a standstill after the last footstep [s]
     stand_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
-    #: Between two publications of a goal until it is answered [s]
+    #: Period at which a goal is published until it is answered [s]
     goal_period: Annotated[float, Field(gt=0.0, le=60.0)]
-    words: Annotated[int, Field(ge=10, le=10000)]  #: Words of a topic that are remembered [1]
-    quiet: Annotated[int, Field(ge=1, le=100)]  #: Looks without motion after which it is at rest [1]
-    moved: Annotated[float, Field(gt=0.0, le=0.1)]  #: Change of a joint between looks that is a motion [rad]
+    words: Annotated[int, Field(ge=10, le=10000)]  #: Number of stored status messages of a topic [1]
+    quiet: Annotated[int, Field(ge=1, le=100)]  #: Number of polls without motion from which the robot is at rest [1]
+    moved: Annotated[float, Field(gt=0.0, le=0.1)]  #: Joint change between two polls that counts as motion [rad]
 
 
-MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)  #: Modes in which an action may go on
+MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)  #: Modes in which an action may continue
 
 
 class RobotClient:
     """Subscriptions and service clients that the actions of one node share.
 
-    The executor of ``node`` must await coroutines. ``motion`` and ``route`` are the status since ``begin``, ``stops``
-    the requests to end the motion, ``gait_ready`` whether the gait planner walks since it was last set to False.
-    Raises ``MessageError`` when the types of the services are not built.
+    The executor of ``node`` must await coroutines. ``motion`` and ``route`` hold the status messages since ``begin``,
+    ``stops`` counts requests to end the motion, and ``gait_ready`` is set when the gait planner walks. Raises
+    ``MessageError`` when the types of the services are not built.
     """
 
     def __init__(self, node: PoiseNode, config: ActionsConfig) -> None:
@@ -96,21 +96,21 @@ class RobotClient:
 
     @property
     def motions_begun(self) -> int:
-        """How many motions have begun since ``begin``."""
+        """Number of motions that have begun since ``begin``."""
         return sum(status.state is MotionState.RUNNING for status in self.motion)
 
     @property
     def routes_begun(self) -> int:
-        """How many routes have begun since ``begin``."""
+        """Number of routes that have begun since ``begin``."""
         return sum(status.state is RouteState.RUNNING for status in self.route)
 
     @property
     def feedback_due(self) -> bool:
-        """Whether feedback is published at this look."""
+        """Whether feedback is due at this poll."""
         return self._looks % max(round(self.config.feedback_period / self.config.period), 1) == 0
 
     def begin(self) -> None:
-        """Clear what was received; feedback is due."""
+        """Clear the stored messages; feedback is due."""
         self._looks = 0
         self.motion.clear()
         self.route.clear()
@@ -141,7 +141,7 @@ class RobotClient:
 
     @property
     def stopped(self) -> str:
-        """Why no action can go on, and what to do next; empty otherwise."""
+        """Why no action can continue, and what to do next; empty otherwise."""
         if self.mode in MOVING:
             return ""
         status = self._status
@@ -150,7 +150,7 @@ class RobotClient:
 
     @property
     def present_mode(self) -> str:
-        """Present mode with its faults and holds, for people."""
+        """Present mode with faults and holds as readable text."""
         status = self._status
         reasons = () if status is None or status.mode.value != self.mode else (*status.faults, *status.holds)
         return ": ".join(part for part in (f"mode '{self.mode or 'unknown'}'", "; ".join(reasons)) if part)
@@ -203,11 +203,11 @@ class RobotClient:
         self.mode = message.data
 
     def _on_motion(self, status: MotionStatus) -> None:
-        if status.state is not MotionState.REFUSED or not self.motions_begun:  # later ones are of another client
+        if status.state is not MotionState.REFUSED or not self.motions_begun:  # later refusals are for other clients
             self.motion.append(status)
 
     def _on_route(self, status: RouteStatus) -> None:
-        if status.state is not RouteState.REFUSED or not self.routes_begun:  # later ones are of another client
+        if status.state is not RouteState.REFUSED or not self.routes_begun:  # later refusals are for other clients
             self.route.append(status)
 
     def _on_status(self, status: SupervisorStatus) -> None:
@@ -226,13 +226,13 @@ class RobotClient:
         self._odom = data
 
 
-#: Reasons that end a goal, besides those of the robot
+#: Reasons that end a goal, in addition to those from the robot
 REPLACED, DEACTIVATED = "replaced by a newer goal", "the action server was deactivated"
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a goal ended, with the reason in ``message``; ``code`` is the action's error code, where it has one."""
+    """Outcome of a goal, with the reason in ``message``; ``code`` is the error code for actions that define one."""
 
     success: bool
     message: str
@@ -241,28 +241,28 @@ class Outcome:
 
 
 class Turn:
-    """The right of one goal, by its number, to move the robot."""
+    """Permission of one goal, given by number, to move the robot."""
 
     def __init__(self, turns: Turns, number: int) -> None:
         self._turns, self._number = turns, number
 
     @property
     def ended(self) -> str:
-        """Why the goal cannot go on; empty while it can."""
+        """Why the goal cannot continue; empty while it can."""
         if self._turns.newest != self._number:
             return REPLACED
         return DEACTIVATED if self._turns.closed else self._turns.robot.stopped
 
 
 class Turns:
-    """Gives the robot to one goal after the other; ``newest`` is the newest's number, ``closed`` set while inactive."""
+    """Grants the robot to one goal at a time; ``newest`` is the number of the newest, ``closed`` is set if inactive."""
 
     def __init__(self, robot: RobotClient) -> None:
         self.robot, self.newest, self.closed = robot, 0, False
         self._taken = False
 
     async def take(self) -> Turn:
-        """End the goal before, and wait until it has ended."""
+        """End the previous goal, and wait until it has ended."""
         self.newest += 1
         turn = Turn(self, self.newest)
         while self._taken:
@@ -276,18 +276,18 @@ class Turns:
 
 
 class Action(ABC):
-    """Behaviour of one action; ``kind`` is its type."""
+    """Behaviour of one action; ``kind`` is the action type."""
 
     def __init__(self, robot: RobotClient, kind: Any) -> None:
         self._robot, self._kind = robot, kind
 
     def refusal(self, request: Any) -> Outcome | None:
-        """Why a goal is refused beforehand; None for a valid one."""
+        """Why a goal is refused before execution; None for a valid goal."""
         return None
 
     @abstractmethod
     async def run(self, handle: Any, turn: Turn) -> Outcome:
-        """Execute the goal. Afterwards the robot is at rest or follows another client, whatever the outcome."""
+        """Execute the goal. In any outcome, the robot is at rest or follows another client afterwards."""
 
     def result(self, outcome: Outcome) -> Any:
         """Result message of an outcome."""
@@ -295,9 +295,9 @@ class Action(ABC):
 
 
 def goal(turns: Turns, action: Action, refused: Callable[[str], object]) -> Callable[[Any], Any]:
-    """Action server callback; sets the goal's state by the outcome. A ``PoiseError`` aborts the goal with its text.
+    """Action server callback that sets the goal state by the outcome. A ``PoiseError`` aborts the goal with its text.
 
-    ``refused`` takes the reason for a goal that is refused beforehand.
+    ``refused`` is called with the reason when a goal is refused before execution.
     """
 
     async def execute(handle: Any) -> Any:

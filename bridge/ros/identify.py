@@ -1,4 +1,4 @@
-"""Payload of a running robot that stands still, from its joint states and its IMU."""
+"""Identifies the payload of a running robot that stands still, from joint states and IMU."""
 
 from typing import Any
 
@@ -14,12 +14,12 @@ from models.profile import Payload
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData
 
-SAMPLES_MIN = 100  #: Messages of each topic without which nothing is identified
+SAMPLES_MIN = 100  #: Minimum number of messages of each topic for an identification
 ARRIVAL = 10.0  #: Longest wait for the first messages [s]
 
 
 def identify_payload(client: Client, model: RobotModel, seconds: float) -> Payload:
-    """Payload from means over a time [s], see ``bridge.driver.foot_load.identify``.
+    """Identify the payload from means over a time [s]; see ``bridge.driver.foot_load.identify``.
 
     Raises:
         PoiseError: The robot does not stand, moves, or publishes too little.

@@ -1,4 +1,4 @@
-"""Commands of an operator: words, services, velocities and pushes, all from one loop."""
+"""Commands of an operator: text commands, services, velocities and pushes, all from one loop."""
 
 import queue
 from collections.abc import Callable
@@ -18,9 +18,9 @@ from models.nodes.odometry import velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT
 from models.types import Vector, Velocity
 
-SOURCE = "teleop"  #: The operator's source of commands (controllers/config/arbitration.yaml)
-LEAVE_TIMEOUT = 1.0  #: For the last commands to arrive [s]
-#: Buttons and the services that they call
+SOURCE = "teleop"  #: Command source of the operator (controllers/config/arbitration.yaml)
+LEAVE_TIMEOUT = 1.0  #: Longest wait for the last commands to arrive [s]
+#: Services by the buttons that call them
 MODE_SERVICES = {
     "stand": "mode/stand",
     "walk": "mode/walk",
@@ -34,9 +34,9 @@ MODE_SERVICES = {
 class Operator:
     """Publishers and service clients of an operator: the page of ``poise view``, or ``poise teleop``.
 
-    Buttons of the page run in threads of the web server. They ``post`` actions, and the page's loop executes them:
-    rclpy's objects are used from one thread. ``client`` is inside its context; ``signer`` None sends words unsigned;
-    ``report`` is called with every answer; ``services`` are the clients of ``MODE_SERVICES`` by name.
+    Callbacks of the page run in threads of the web server. They ``post`` actions, and the loop of the page executes
+    them, so that rclpy objects are used from one thread only. ``client`` must be entered. Text commands are unsigned
+    when ``signer`` is None. ``report`` is called with every answer; ``services`` are the clients of ``MODE_SERVICES``.
     """
 
     def __init__(self, client: Client, report: Callable[[str], object], signer: Signer | None = None) -> None:
@@ -50,17 +50,17 @@ class Operator:
         self._driving = False
 
     def post(self, action: Callable[[], object]) -> None:
-        """Have the loop execute an action; from any thread."""
+        """Queue an action for the loop; may be called from any thread."""
         self._posted.put(action)
 
     def do_posted(self) -> None:
-        """Execute the posted actions."""
+        """Execute the queued actions."""
         with suppress(queue.Empty):
             while True:
                 self._posted.get_nowait()()
 
     def say(self, text: str) -> None:
-        """Publish a word as ``SOURCE``."""
+        """Publish a text command as ``SOURCE``."""
         self._publish_word(text)
         self._report(f"said {text}")
 
@@ -73,7 +73,7 @@ class Operator:
         client.call_async(Trigger.Request()).add_done_callback(lambda future: self._answer(name, future))
 
     def drive(self, velocity: Velocity | None) -> None:
-        """Publish a velocity; None publishes zero once, then leaves the command to other sources."""
+        """Publish a velocity; None publishes zero once and then nothing, so that other sources can take over."""
         if velocity is not None or self._driving:
             given = velocity or (0.0, 0.0, 0.0)
             if self._signer is None:
@@ -83,7 +83,7 @@ class Operator:
         self._driving = velocity is not None
 
     def leave(self) -> None:
-        """Publish zero if a velocity was commanded, and wait until it has arrived: this process may end next."""
+        """Publish zero if a velocity was commanded, and wait until it has arrived, as this process may end next."""
         self.drive(None)
         for publisher in (self._velocities, self._words):
             publisher.wait_for_all_acked(Duration(seconds=LEAVE_TIMEOUT))

@@ -20,22 +20,22 @@ from bridge.ros.heartbeat import VARIABLE, Heartbeat
 from models.errors import ConfigError, PoiseError
 
 Parameters = Mapping[str, Mapping[str, object]]  #: Parameter values by node name, then by parameter name
-_VALUES = "ros__parameters"  #: Key of a node's parameters in a file of ROS 2
+_VALUES = "ros__parameters"  #: Key of the parameters of a node in a ROS 2 parameter file
 _LAUNCHED = ("robot", "autostart", "lockstep")  #: Parameters that the launcher sets
-#: Absolute topics, which are remapped into the namespace, as Nav2 does
+#: Absolute topics that are remapped into the namespace, as in Nav2
 GLOBAL_TOPICS = ("/clock", "/diagnostics", "/tf", "/tf_static")
 #: Signals that end a process, and the wait after each [s]
 STOP_SIGNALS = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
-#: Exit codes of a process that ended on request: 0 once its nodes are up, the signal's while it still imports
+#: Exit codes of a process that ended on request: 0 once its nodes are up, the signal's during imports
 CLEAN_EXITS = (0, -signal.SIGTERM)
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessSpec:
-    """A Python module with a ``main``, and its nodes in activation order; the graph runs on without an optional one.
+    """A Python module with a ``main``, and its nodes in activation order; the graph goes on without an optional one.
 
-    ``arguments`` precede those of ROS; ``environment`` is in addition to that of the graph. ``silence_max`` is the
-    longest silence of one that sends heartbeats [s].
+    ``arguments`` precede the ROS arguments; ``environment`` extends the environment of the graph. ``silence_max`` is
+    the longest accepted time between heartbeats [s]; None for a process without heartbeat.
     """
 
     module: str
@@ -47,7 +47,7 @@ class ProcessSpec:
 
 
 def absolute_namespace(namespace: str) -> str:
-    """A namespace with its leading slash, empty for none; ``PoiseError`` when it is no valid name."""
+    """Namespace with a leading slash, empty for none; ``PoiseError`` for an invalid name."""
     given = namespace.strip("/")
     if not given:
         return ""
@@ -59,29 +59,29 @@ def absolute_namespace(namespace: str) -> str:
 
 
 def namespace_rules() -> list[str]:
-    """Arguments after ``--ros-args`` that bring a node's ``GLOBAL_TOPICS`` into its namespace."""
+    """Arguments after ``--ros-args`` that remap ``GLOBAL_TOPICS`` into the namespace of the node."""
     return [word for topic in GLOBAL_TOPICS for word in ("-r", f"{topic}:={topic.removeprefix('/')}")]
 
 
 def in_namespace(namespace: str) -> dict[str, Any]:
-    """Keyword arguments of an rclpy node in a robot's namespace, as ``absolute_namespace`` returns it."""
+    """Keyword arguments of an rclpy node in a namespace in the form of ``absolute_namespace``."""
     if not namespace:
         return {}
     return {"namespace": namespace, "cli_args": ["--ros-args", *namespace_rules()]}
 
 
 def ros_arguments(nodes: Sequence[str], parameters: Parameters, namespace: str, file: Path) -> list[str]:
-    """Command line of nodes in a namespace such as ``/robot_1`` or none, their parameters written to ``file``."""
+    """Arguments of nodes in a namespace such as ``/robot_1`` or none; writes their parameters to ``file``."""
     write_parameters(file, {f"{namespace}/{node}": parameters.get(node, {}) for node in nodes})
     rules = ["-r", f"__ns:={namespace}", *namespace_rules()] if namespace else []
     return ["--ros-args", "--params-file", str(file), *rules]
 
 
 def with_file(parameters: Parameters, file: Path) -> dict[str, dict[str, object]]:
-    """Parameters by node with those of a ROS 2 parameter file in addition, ``NODE: {ros__parameters: {NAME: VALUE}}``.
+    """Add the parameters of a ROS 2 file, ``NODE: {ros__parameters: {NAME: VALUE}}``; returns parameters by node.
 
     Nested names are joined by dots. Raises ``ConfigError`` when the file cannot be read or has another form, and for a
-    parameter that is set already, or by the launcher: these have options.
+    parameter that is already set or that the launcher sets; options exist for these.
     """
     from models.config import read_yaml  # imported here: commands of one word must not wait for it
 
@@ -110,7 +110,7 @@ def _dotted(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 
 def write_parameters(file: Path, parameters: Parameters) -> None:
-    """Write a parameter file of ROS 2: values by full node name; JSON is valid YAML, which ROS expects."""
+    """Write a ROS 2 parameter file with values by full node name; ROS expects YAML, and JSON is valid YAML."""
     values = {node: {_VALUES: dict(given)} for node, given in parameters.items()}
     file.write_text(json.dumps(values), encoding="utf-8")
 
@@ -118,8 +118,8 @@ def write_parameters(file: Path, parameters: Parameters) -> None:
 class GraphProcess:
     """Starts and ends one process.
 
-    ``environment`` is in addition to that of this process; ``output`` is a file, this process's output when None, from
-    the next start on.
+    ``environment`` extends the environment of this process. ``output`` is a file, or the output of this process when
+    None; a change applies from the next start.
     """
 
     def __init__(
@@ -148,7 +148,7 @@ class GraphProcess:
         return self._process.poll() if self._process is not None else None
 
     def start(self) -> None:
-        """Start in a new session, so that Ctrl-C reaches the launcher alone."""
+        """Start in a new session, so that Ctrl-C reaches only the launcher."""
         environment, inherited = self._environment, tuple[int, ...]()
         if self.spec.silence_max is not None:
             if self._heartbeat is not None:
@@ -169,7 +169,7 @@ class GraphProcess:
             os.close(end)
 
     def kill_silent(self) -> bool:
-        """Kill a process that runs, but whose heartbeat has been missing for ``silence_max``; whether it was."""
+        """Kill the process if it runs without a heartbeat for ``silence_max``; returns whether it was killed."""
         limit = self.spec.silence_max
         if limit is None or self._heartbeat is None or self.exit_code is not None:
             return False
@@ -178,13 +178,13 @@ class GraphProcess:
         return silent
 
     def signal(self, number: int) -> None:
-        """Send a signal, if it still runs."""
+        """Send a signal if the process still runs."""
         if self._process is not None and self._process.poll() is None:
             self._process.send_signal(number)
 
 
 def stop_all(processes: Sequence[GraphProcess]) -> dict[str, int | None]:
-    """End processes, gracefully first; returns the exit code by module."""
+    """End processes by ``STOP_SIGNALS``, gracefully first; returns the exit codes by module."""
     for number, timeout in STOP_SIGNALS:
         left = [process for process in processes if process.pid and process.exit_code is None]
         for process in left:
@@ -208,9 +208,9 @@ ASK_AGAIN = 1.0  #: Time without an answer after which a node's state is request
 class _Change:
     """One transition of one node.
 
-    A reply is lost when the node has not yet discovered its reader, and DDS does not report that. So a node that does
-    not answer is asked for its state: the goal means a lost reply, the start a lost request. One that refuses is asked
-    too: it may have reached the goal by an earlier request.
+    A reply is lost when the node has not yet discovered the reader, and DDS does not report that. The state of a node
+    that does not answer is therefore requested: the goal state means a lost reply, the start state a lost request. The
+    state is also requested after a refusal, as an earlier request may have reached the goal.
     """
 
     def __init__(self, node: Any, name: str, transition: int) -> None:
@@ -257,8 +257,8 @@ class _Change:
 def change_state(node: Any, spin: Callable[[], None], names: Sequence[str], transition: int, timeout: float) -> None:
     """Request a transition (``CONFIGURE``, ``ACTIVATE`` or ``DEACTIVATE``) of several nodes at once and wait for all.
 
-    ``spin`` serves callbacks for a short while and raises to give up. Raises ``PoiseError`` with the name of a node
-    that refuses, or does not answer within ``timeout`` [s].
+    ``spin`` serves callbacks for a short time; it raises to abort. Raises ``PoiseError`` with the name of a node that
+    refuses or does not answer within ``timeout`` [s].
     """
     end = time.monotonic() + timeout
     changes = [_Change(node, name, transition) for name in names]
@@ -295,18 +295,18 @@ TERRAIN = ProcessSpec("planners.nodes.terrain_mapper", ("terrain_mapper",), opti
 GROUND = ProcessSpec("planners.nodes.ground_planner", ("ground_planner",), optional=True)
 
 REALTIME_NODES = ("robot_driver", "state_estimator", "balance_controller")
-#: Where permitted, the processes of the tick run before everything else and keep their memory
+#: If permitted, the processes of the tick run with real-time priority and locked memory
 REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
-#: Below the ticks, which on two cores would otherwise delay a supervisor by half a second while other programs are busy
+#: Below the ticks; on two busy cores they would delay a supervisor without priority by half a second
 SUPERVISOR_REALTIME: Mapping[str, object] = {"realtime.priority": 30}
-#: Where simulated time waits for late commands; a silent clock is then only slow
+#: Parameters when simulated time waits for late commands; a silent clock is then only slow
 YIELDING: Parameters = {
     "state_estimator": {"waits": True},
     "balance_controller": {"waits": True},
     "supervisor": {"clock_timeout": 10.0},
 }
 CALIBRATED_NODES = ("robot_driver", "state_estimator")  #: Nodes with the parameter ``calibration_dir``
-RATED_NODES = frozenset({"balance_controller", "supervisor"})  #: Nodes that count on the rate of the sensors
+RATED_NODES = frozenset({"balance_controller", "supervisor"})  #: Nodes with the parameter ``sensor_rate``
 LOCKSTEP_NODES = frozenset({"robot_driver", "state_estimator", "balance_controller", "supervisor"})
 
 
@@ -318,9 +318,9 @@ def process_specs(
     terrain_map: bool = False,
     given_map: bool = False,
 ) -> list[ProcessSpec]:
-    """Processes of the graph, the plant's first; gait planner, controller and estimator in one, or all separate.
+    """Processes of the graph, the plant first; gait planner, controller and estimator share a process or are separate.
 
-    ``terrain_map`` and ``given_map`` both map the ground, from range sensors or what is given.
+    Both ``terrain_map`` and ``given_map`` add the mapping of the ground: from range sensors, or from a given map.
     """
     control = [CONTROL] if processes == "shared" else [GAIT, CONTROLLER, ESTIMATOR]
     mapping = [TERRAIN, GROUND] if terrain_map or given_map else []
@@ -329,19 +329,19 @@ def process_specs(
 
 
 def activation_order(specs: Sequence[ProcessSpec]) -> list[str]:
-    """Nodes in the order of their activation: as the processes host them, the plant last."""
+    """Nodes in activation order: the order of the processes, with the plant last."""
     return [*(name for spec in specs for name in spec.nodes if name not in BRIDGE.nodes), *BRIDGE.nodes]
 
 
 def sensor_rate(extra: Parameters) -> float | None:
-    """Rate of the sensor topics where the driver's parameters set one [Hz]."""
+    """Rate of the sensor topics in the parameters of the driver [Hz]; None if not set."""
     driver = extra.get("robot_driver", {})
     rate = driver.get("sensor_rate") or driver.get("rate")
     return float(str(rate)) if rate else None
 
 
 def follows_clock(driver: Mapping[str, object]) -> bool:
-    """Whether the plant's time follows the clock, by the driver's parameters: a real plant, or a strict simulation."""
+    """Whether time follows the clock, from the driver's parameters: for a real plant, or a strict simulation."""
     from bridge.plants.config import DriverConfig  # imported here: commands of one word must not wait for it
     from models.config import default_config
 
@@ -350,7 +350,7 @@ def follows_clock(driver: Mapping[str, object]) -> bool:
 
 
 def _of_gait(planner: Mapping[str, object]) -> dict[str, object]:
-    """Parameters of the gait among the gait planner's, as the controller names them."""
+    """Gait parameters of the gait planner, renamed for the controller."""
     from planners.gait.config import GaitConfig  # imported here: commands of one word must not wait for it
 
     names = {each.name for each in fields(GaitConfig)}
@@ -360,10 +360,10 @@ def _of_gait(planner: Mapping[str, object]) -> dict[str, object]:
 def node_parameters(
     specs: list[ProcessSpec], robot: str, lockstep: bool, calibrations: Path, extra: Parameters
 ) -> dict[str, dict[str, object]]:
-    """Parameters of every node: the robot, lockstep where needed, and ``extra`` by node, which override all others.
+    """Parameters of every node: the robot, lockstep if needed, and ``extra`` by node, which override the others.
 
-    ``calibrations`` is the folder of the calibration files. The driver's parameters may be given although another
-    launcher runs it. Raises ``PoiseError`` for an unknown node and lists the valid ones.
+    ``calibrations`` is the folder of the calibration files. Parameters of the driver are accepted even if another
+    launcher runs it. Raises ``PoiseError`` for an unknown node and lists the valid names.
     """
     names = [name for spec in specs for name in spec.nodes]
     unknown = [name for name in extra if name not in (*names, *BRIDGE.nodes)]
@@ -373,13 +373,13 @@ def node_parameters(
     if not lockstep and follows_clock(extra.get("robot_driver", {})):
         timing = {**dict.fromkeys(REALTIME_NODES, REALTIME), "supervisor": SUPERVISOR_REALTIME}
     result: dict[str, dict[str, object]] = {}
-    # A controller in another process than the gait planner executes the gait, with the same parameters
+    # A controller that is not in the process of the gait planner executes the gait with the same parameters
     apart = any("balance_controller" in spec.nodes and "gait_planner" not in spec.nodes for spec in specs)
     gait = _of_gait(extra.get("gait_planner", {})) if apart else {}
     extra = {**extra, "balance_controller": {**gait, **extra.get("balance_controller", {})}}
     for name in names:
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}
-        # whoever starts the processes brings their nodes up, those that could do so by themselves too
+        # the launcher activates all nodes, including those that support autostart
         result[name] = {"robot": robot, "autostart": False, **timing.get(name, {}), **calibrated, **extra.get(name, {})}
     rate = sensor_rate(extra)
     if rate is not None:

@@ -28,10 +28,10 @@ from models.types import CommandReply, Mode, Velocity
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import foothold_from_pose, pose_message
 
-PERIOD = 0.05  #: Time between two velocities: ten fit into the time after which the robot stops [s]
-ANSWER_TIMEOUT = 5.0  #: Longest wait for a subscriber, and for the answer to a request that is repeated [s]
-STEP_TIMEOUT = 2.0  #: Longest wait for one footstep, on average, and for the start and the end of a walk [s]
-RESET_TIMEOUT = 60.0  #: Longest wait until a robot that was reset stands [s]
+PERIOD = 0.05  #: Period of velocity messages [s], a tenth of the command timeout of the robot
+ANSWER_TIMEOUT = 5.0  #: Longest wait for a subscriber, and for the answer to a repeated request [s]
+STEP_TIMEOUT = 2.0  #: Longest mean time of a footstep [s]; start and end of a walk count as footsteps
+RESET_TIMEOUT = 60.0  #: Longest wait until the robot stands after a reset [s]
 STAND_PERIOD = 2.0  #: Time between two requests to stand after a reset [s]
 STANDSTILL_TIMEOUT = 10.0  #: Longest wait for mode 'stand' after the last velocity [s]
 LATE = 0.3  #: Longest wait for the mode, and its reasons, after the end of a motion or a walk [s]
@@ -39,7 +39,7 @@ SILENCE = 5.0  #: Time without odometry after which a request ends [s]
 
 
 class RobotClock:
-    """Time of the robot, simulated or real: the newest stamp of its odometry."""
+    """Time of the robot, simulated or real: the newest stamp of the odometry."""
 
     def __init__(self, client: Client) -> None:
         here = partial(client.node.count_publishers, topics.ODOM)
@@ -52,7 +52,7 @@ class RobotClock:
         client.wait(lambda: self.now() > -math.inf, math.inf)
 
     def now(self) -> float:
-        """Newest stamp [s], NaN before the first; ``CommandError`` after ``SILENCE``."""
+        """Newest stamp [s], NaN before the first; ``CommandError`` after ``SILENCE`` without a message."""
         if (data := newest(self._odometry)) is not None:
             message = deserialize_message(data, Odometry)
             self._now, self._received = 1e-9 * Time.from_msg(message.header.stamp).nanoseconds, time.monotonic()
@@ -63,7 +63,7 @@ class RobotClock:
         return self._now
 
     def place(self) -> str:
-        """Where the base is in ``odom``, in words; empty without a valid message."""
+        """Pose of the base in ``odom`` as text; empty without a valid message."""
         try:
             base = self._newest and foothold_from_pose(topics.ODOM, self._newest.pose.pose)
         except MessageError:
@@ -71,24 +71,24 @@ class RobotClock:
         return f"; base at x {base.x:.2f} m, y {base.y:.2f} m, heading {base.yaw:.2f} rad" if base else ""
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """As ``Client.wait``, with a ``timeout`` in time of the robot [s]."""
+        """Like ``Client.wait``, with a ``timeout`` in robot time [s]."""
         end = self.now() + timeout
         return self._client.wait(lambda: condition() or self.now() > end, math.inf) and condition()
 
 
 def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
-    """Request mode walk, repeat a velocity for ``seconds`` of the robot's time, stop, and wait until it stands.
+    """Request mode walk, publish a velocity for ``seconds`` of robot time, stop, and wait until the robot stands.
 
-    ``velocity`` is forward [m/s], left [m/s], turn [rad/s]. The reply is accepted when the robot stands again after the
-    whole time, and at its end followed the velocity and was not blocked by the ground; a hold ends the walk. Raises
-    ``CommandError`` for a velocity that is not finite, without a subscriber or an answer, and when the robot's time
+    ``velocity`` is forward [m/s], left [m/s], turn [rad/s]. A hold ends the walk. The reply is accepted when the robot
+    followed the velocity at the end of the whole time, was not blocked by the ground, and stands again. Raises
+    ``CommandError`` for a velocity that is not finite, without a subscriber or an answer, and when the robot time
     stands still.
     """
     if not all(map(math.isfinite, velocity)):
         raise CommandError(f"velocity {velocity}: forward [m/s], left [m/s] and turn [rad/s] must be finite")
     message = velocity_to_twist(velocity)
     clock = RobotClock(client)
-    followed: list[bool] = []  # whether the supervisor passes a velocity other than zero to the gait
+    followed: list[bool] = []  # whether the supervisor passes a nonzero velocity to the gait
     listen = client.node.create_subscription
     listen(Twist, topics.GAIT_VELOCITY, lambda m: followed.append(any(velocity_from_twist(m))), COMMAND)
     reply = client.trigger("mode/walk")
@@ -109,7 +109,7 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
         publisher.publish(message)
         client.spin(min(PERIOD, left))
     gait = client.gait
-    assert gait is not None  # see ``ready``
+    assert gait is not None  # ensured by ``ready``
     limit = "".join(f"; {each}" for each in (gait.limited, gait.unmapped) if each)
     ended = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
     if not ended and seconds and client.mode == Mode.WALK.value and not client.wait(follows, LIMITING):
@@ -121,7 +121,7 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
 
 
 def _reasons(client: Client) -> str:
-    """Why the supervisor does not pass the velocity of this client to the gait, and what to do."""
+    """Why the supervisor does not pass the velocity of this client to the gait, with the remedy."""
     status, found = client.status, []
     if client.commander not in (PLAIN, NO_SOURCE):
         found.append(f"'{client.commander}' is in command")
@@ -139,8 +139,8 @@ def _reasons(client: Client) -> str:
 def walk_to(client: Client, goal: tuple[float, float, float], around: bool | None = None) -> CommandReply:
     """Request mode walk, send a goal, wait until the robot has arrived, and request mode stand.
 
-    ``goal`` is x [m], y [m] and heading [rad] of the middle between the soles, in ``odom``. The reply is accepted when
-    the robot arrived. ``around`` sets the gait planner's parameter of that name before, None leaves it. Raises
+    ``goal`` is x [m], y [m] and heading [rad] of the midpoint of the soles, in ``odom``. The reply is accepted when the
+    robot has arrived. Unless None, ``around`` first sets the parameter of that name of the gait planner. Raises
     ``CommandError`` for a goal that is not finite, and without a subscriber or an answer.
     """
     if not all(map(math.isfinite, goal)):
@@ -172,7 +172,7 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
         return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
     clock.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
     done = routes[-1].state is RouteState.DONE
-    if not done:  # what stopped it may be reported later
+    if not done:  # the cause may be reported later
         client.wait(lambda: bool(client.obstacle), LATE)
     why = f"; {client.obstacle}" if client.obstacle and not done else ""
     if client.gait and client.gait.unmapped:
@@ -186,7 +186,7 @@ def reset(client: Client) -> CommandReply:
     try:
         reply = client.trigger("reset")
     except CommandError as error:
-        if client.status is None:  # no robot at all
+        if client.status is None:  # no robot is up
             raise
         raise CommandError(f"{error}; only a simulated robot has it: lift another one by a gantry") from error
     if not reply.accepted:
@@ -196,7 +196,7 @@ def reset(client: Client) -> CommandReply:
     while time.monotonic() < end:
         if client.wait(lambda: client.mode == Mode.STAND.value and client.driver_state == topics.ACTIVE, STAND_PERIOD):
             return CommandReply(True, "the robot stands at its start")
-        reply = client.trigger("mode/stand")  # of a supervisor without auto_stand; refused until preflight has passed
+        reply = client.trigger("mode/stand")  # needed without auto_stand; refused until preflight has passed
     state = f"mode '{client.mode}', drivers '{client.driver_state}'"
     return CommandReply(False, state) if reply.accepted else reply
 
@@ -213,7 +213,7 @@ def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
 
 
 def _end_of_walk(client: Client) -> str:
-    """What ended a walk that this client has not ended, and what to do."""
+    """Cause of the end of a walk that this client did not end, with the remedy."""
     current = client.wait(client.status_is_current, LATE)
     if client.holds:
         return f"held: {client.holds}"
@@ -223,7 +223,7 @@ def _end_of_walk(client: Client) -> str:
 
 
 PLAN_TIMEOUT = 30.0  #: Longest wait for a plan [s]
-END_TIMEOUT = 10.0  #: Longest wait for the end of the motion after the planned time, in time of the robot [s]
+END_TIMEOUT = 10.0  #: Longest wait for the end of the motion after the planned time, in robot time [s]
 
 
 def reach(
@@ -237,10 +237,10 @@ def reach(
 ) -> CommandReply:
     """Request a plan from ``plan_motion``, execute it, and wait until the frame has arrived.
 
-    ``frame`` is moved (also an alias such as ``left_hand``) to ``position`` (3,) [m] in ``frame_id`` within
-    ``duration`` [s], 0: as short as the joints allow. The reply is accepted when the motion was planned and, with
-    ``execute``, played to its end; a refusal has its reason. Raises ``CommandError`` when the service is absent or does
-    not answer, and without odometry, ``MessageError`` when its type is not built.
+    ``frame``, or an alias such as ``left_hand``, is moved to ``position`` (3,) [m] in ``frame_id`` within ``duration``
+    [s]; 0 means as fast as the joints allow. The reply is accepted when the motion was planned and, with ``execute``,
+    played to its end; otherwise it has the reason. Raises ``CommandError`` when the service is absent or does not
+    answer, and without odometry; ``MessageError`` when the type of the service is not built.
     """
     kind = interface(PACKAGE, "srv", "PlanMotion")
     request = kind.Request(frame=frame, duration=duration, execute=execute)
@@ -259,7 +259,7 @@ def reach(
     def damped() -> bool:
         return client.mode in (Mode.DAMP.value, Mode.OFF.value)
 
-    def ended() -> bool:  # a refusal with a request is that of another motion
+    def ended() -> bool:  # a refusal with a request concerns another motion
         ends[:] = [m for m in client.motions if m.state in over and not m.request]
         return bool(ends) or damped()
 
