@@ -1,1 +1,1 @@
-"""The page of ``poise view``: a robot in a browser, with buttons for its topics and services."""
+"""The page of ``poise view``: a robot in a browser, with controls for its topics and services."""

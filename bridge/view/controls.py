@@ -17,15 +17,15 @@ from models.robot_model import RobotModel
 from models.types import Vector, Velocity
 from planners.gait.config import VelocityConfig
 
-#: Headings of pushes, from that of the robot [deg]
+#: Directions of pushes relative to the heading of the robot [deg]
 DIRECTIONS = {"from the left": -90.0, "from the right": 90.0, "from behind": 0.0, "from the front": 180.0}
-PUSH_STEP, PUSH_FIRST = 5.0, 100.0  #: Of the slider for pushes: step and initial value [N]
-ANSWER_MAX = 160  #: Characters of an answer that are shown [-]
+PUSH_STEP, PUSH_FIRST = 5.0, 100.0  #: Step and initial value of the slider for pushes [N]
+ANSWER_MAX = 160  #: Maximum number of displayed characters of an answer [-]
 _GOOD, _BAD = "#2b8a3e", "#c92a2a"
 
 
 class Controls:
-    """The page's side bar in viser's gui; ``words`` are the text commands with a button."""
+    """Side bar of the page in viser's gui; ``words`` are the text commands with a button."""
 
     def __init__(
         self, gui: Any, operator: Operator, config: ViewConfig, words: Sequence[str], limits: VelocityConfig
@@ -97,16 +97,16 @@ class Controls:
 
 
 def force_from(size: float, direction: float, yaw: float) -> Vector:
-    """A push in W (3,) [N] of a size [N], at an angle to the robot's heading [deg], which is ``yaw`` in W [rad]."""
+    """Push in W (3,) [N] of a size [N], at an angle to the robot's heading [deg]; the heading is ``yaw`` in W [rad]."""
     angle = yaw + math.radians(direction)
     return size * np.array([math.cos(angle), math.sin(angle), 0.0])
 
 
-STICK_STEP = 0.05  #: Of the velocity sticks [m/s], [rad/s]
+STICK_STEP = 0.05  #: Step of the velocity sticks [m/s], [rad/s]
 
 
 class DeadMan:
-    """Detects whether the operator is present: the browser is connected, and a stick was moved within ``idle`` [s]."""
+    """Dead man's switch: the operator is present if the browser is connected and moved a stick within ``idle`` [s]."""
 
     def __init__(self, idle: float) -> None:
         self._idle = idle
@@ -123,7 +123,7 @@ class DeadMan:
 
 
 class Sticks:
-    """Three sliders and a box that publishes their velocity, until ``idle`` [s] without a touch, which is reported."""
+    """Three velocity sliders and a check box; without a touch for ``idle`` [s] they are reset, which is reported."""
 
     def __init__(self, gui: Any, limits: VelocityConfig, idle: float, report: Callable[[str], object]) -> None:
         self._dead_man, self._report, self._idle = DeadMan(idle), report, idle
@@ -139,7 +139,7 @@ class Sticks:
             handle.on_update(self._on_touch)
 
     def velocity(self, browsers: Collection[int]) -> Velocity | None:
-        """Forward [m/s], left [m/s], turn [rad/s]; None while the sticks are idle or no browser is connected."""
+        """Forward [m/s], left [m/s], turn [rad/s]; None if the box is off, or without an active browser."""
         if not self._drive.value:
             return None
         if not self._dead_man.present(browsers, time.monotonic()):
@@ -159,12 +159,12 @@ class Sticks:
             slider.value = 0.0
 
 
-#: Of the lines of a plot, in turn
+#: Colours of the lines of a plot, in order
 COLORS = ("#3070d0", "#d05030", "#30a050", "#a040b0", "#c09020", "#606060", "#20a0a0", "#d060a0")
 
 
 class LivePlots:
-    """Stores the last seconds and draws them, in the gui folder of the plots."""
+    """Stores and plots the last seconds, in the plot folder of the gui."""
 
     def __init__(self, gui: Any, model: RobotModel, config: ViewConfig) -> None:
         self._model, self._config = model, config

@@ -1,4 +1,4 @@
-"""The map of the ground and its planar patches in a viser scene."""
+"""Map of the ground and its planar patches in a viser scene."""
 
 import time
 from typing import Any
@@ -20,19 +20,19 @@ COLORS = {MESH: (150, 140, 120), PATCHES: (120, 60, 160)}
 
 
 class GroundScene:
-    """Draws the newest map as a mesh and the outlines of its patches; nothing where their types are not built.
+    """Draws the newest map as a mesh, and the outlines of its patches; nothing if their types are not built.
 
-    ``silence`` is the age from which a map is taken away [s].
+    ``silence`` is the age from which a map is removed [s].
     """
 
     def __init__(self, scene: Any, node: Any, silence: float) -> None:
         self._scene, self._silence = scene, silence
         self._newest: dict[str, bytes] = {}
-        self._drawn: dict[str, float] = {}  # monotonic time of what is drawn, by its name [s]
+        self._drawn: dict[str, float] = {}  # monotonic time of each drawn object by name [s]
         self._kinds: dict[str, Any] = {}
         try:
             self._kinds = {MESH: grid_map_type(), PATCHES: own_message("TerrainPatches")}
-        except MessageError:  # without a compiler there is no map either
+        except MessageError:  # not built without a compiler; then there is no map either
             return
         for name, topic in ((MESH, topics.TERRAIN_MAP), (PATCHES, topics.TERRAIN_PATCHES)):
             node.create_subscription(self._kinds[name], topic, self._keep(name), SENSOR, raw=True)
@@ -44,7 +44,7 @@ class GroundScene:
         return keep
 
     def show(self) -> str:
-        """Draw what has arrived since the last call; returns what cannot be read and why, empty otherwise."""
+        """Draw the messages since the last call; returns the reason if one cannot be read, empty otherwise."""
         now = time.monotonic()
         for name in [name for name, drawn in self._drawn.items() if now - drawn > self._silence]:
             self._scene.remove_by_name(name)
@@ -70,14 +70,14 @@ class GroundScene:
 
 
 def surface(heights: Matrix, centre: Vector, cell: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """Vertices (k, 3) [m] and triangles (t, 3) of a grid of heights (n, m) about a centre (2,); nan leaves a hole."""
+    """Vertices (k, 3) [m] and triangles (t, 3) of a grid of heights (n, m) about a centre (2,); NaN makes a hole."""
     rows, columns = heights.shape
     i, j = np.indices(heights.shape)
     x, y = (
         centre[axis] + cell * (each + 0.5 - 0.5 * size) for axis, (each, size) in enumerate(((i, rows), (j, columns)))
     )
     known = np.isfinite(heights)
-    number = np.cumsum(known).reshape(heights.shape) - 1  # of the vertex of each known cell
+    number = np.cumsum(known).reshape(heights.shape) - 1  # vertex number of each known cell
     whole = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
     a, b, c, d = (part[whole] for part in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
     faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
@@ -86,5 +86,5 @@ def surface(heights: Matrix, centre: Vector, cell: float) -> tuple[NDArray[np.fl
 
 
 def _corners(patch: Any) -> Matrix:
-    """Corners of a poise_interfaces/TerrainPatch a little above the ground (k, 3) [m]."""
+    """Corners of a poise_interfaces/TerrainPatch, slightly above the ground (k, 3) [m]."""
     return np.array([(point.x, point.y, point.z + LIFT) for point in patch.boundary.points]).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Settings and subscriptions of the page, and the records to draw."""
+"""Settings and subscriptions of the page, and the records that it draws."""
 
 import time
 from dataclasses import dataclass, replace
@@ -53,7 +53,7 @@ class ViewConfig:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """State of the robot at one stamp, from its topics; W is ``odom``."""
+    """State of the robot at one stamp, from the topics; W is ``odom``."""
 
     t: float  #: Stamp of the joint states [s]
     q: Vector  #: Estimated configuration (nq,) [m, rad]
@@ -61,8 +61,8 @@ class Snapshot:
     tau: Vector  #: Measured joint torques (nj,) [N.m]
     wrenches: Matrix  #: Ground reaction on each foot in its sole frame (2, 6) [N, N.m]; zero without a sensor
     push: Vector  #: Estimated push about the CoM in W: force, moment (6,) [N, N.m]
-    footsteps: tuple[tuple[int, Foothold], ...]  #: Foot (0 left, 1 right) and place of the coming footsteps in W
-    #: Distance of the DCM inside the region from which one step brings it to rest [m]; NaN when not walking
+    footsteps: tuple[tuple[int, Foothold], ...]  #: Foot (0 left, 1 right) and foothold of the next footsteps in W
+    #: Margin of the DCM inside the region from which one step brings it to rest [m]; NaN when not walking
     margin: float
 
 
@@ -70,25 +70,25 @@ class Snapshot:
 class Words:
     """Status texts of the robot."""
 
-    mode: str = ""  #: Of the supervisor; empty before the first word
+    mode: str = ""  #: Mode of the supervisor; empty before the first message
     drivers: str = ""  #: State of the joint drivers
-    phase: str = ""  #: Of the gait
-    commander: str = ""  #: Source in command
+    phase: str = ""  #: Phase of the gait
+    commander: str = ""  #: Active command source
     factor: float = float("nan")  #: Real-time factor; NaN while unknown
-    faults: tuple[tuple[str, str], ...] = ()  #: What is not well, a topic, node or quantity, each with the reason
-    start: tuple[tuple[str, str], ...] = ()  #: State of the start and of the monitors; a real robot has them
-    next: str = ""  #: What to do next
-    waiting: str = ""  #: What the picture waits for; empty while its data arrive
-    tick_median: float = float("nan")  #: Of the controller's last ticks [us]; NaN before its first diagnostics
+    faults: tuple[tuple[str, str], ...] = ()  #: Faulty topics, nodes or quantities, each with the reason
+    start: tuple[tuple[str, str], ...] = ()  #: State of the start and of the monitors, for a real robot only
+    next: str = ""  #: Next action of the user
+    waiting: str = ""  #: Missing data of the picture; empty while all data arrive
+    tick_median: float = float("nan")  #: Median of the controller's last ticks [us]; NaN before its first diagnostics
     tick_tail: float = float("nan")  #: 99th percentile of these [us]
 
 
-REFUSAL_TIME = 10.0  #: For which a refusal is shown [s]
+REFUSAL_TIME = 10.0  #: Time for which a refusal is displayed [s]
 START = "poise up starts a robot; this page goes on by itself once its data arrive"
 
 
 class Listener:
-    """Stores the newest message of every topic of the page; sensor subscriptions are polled once per picture."""
+    """Stores the newest message of each topic of the page; sensor subscriptions are polled once for each picture."""
 
     def __init__(self, model: RobotModel, client: Client, config: ViewConfig) -> None:
         self._client, self._config = client, config
@@ -110,20 +110,20 @@ class Listener:
         self._words = Words()
         self._start: StartStatus | None = None
         self._received: dict[str, float] = {}  # monotonic time of the newest sample by topic [s]
-        self._statuses: dict[str, tuple[float, Any]] = {}  # the same, and diagnostics, by node
-        self._refusals: dict[str, tuple[float, str]] = {}  # the same, and reason, by node or topic
+        self._statuses: dict[str, tuple[float, Any]] = {}  # the same with the diagnostics, by node
+        self._refusals: dict[str, tuple[float, str]] = {}  # the same with the reason, by node or topic
         listen = client.node.create_subscription
         listen(String, topics.GAIT_PHASE, self._word("phase"), LATCHED)
         listen(WrenchStamped, topics.EXTERNAL_WRENCH, self._on_push, SENSOR)
         listen(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
-        listen(DiagnosticStatus, topics.REFUSALS, self._on_refusal, EVENT)  # latched ones have no age
+        listen(DiagnosticStatus, topics.REFUSALS, self._on_refusal, EVENT)  # not latched: unknown age
         listen(Path, topics.FOOTSTEPS, self._on_footsteps, EVENT)
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
         subscribe_status(client.node, ControlStatus, topics.CONTROL_STATUS, self._on_control)
         subscribe_status(client.node, StartStatus, topics.START_STATUS, self._on_start, LATCHED)
 
     def poll(self) -> Snapshot | None:
-        """Newest state; None before joints and base have arrived. Malformed messages are faults of ``words``."""
+        """Newest state; None before joints and base have arrived. Malformed messages become faults in ``words``."""
         joint_codec, odom_codec, foot_codecs = self._codecs
         if (joints := self._take(self._joints, joint_codec)) is not None:
             stamp, q, v, self._tau = joints
@@ -148,7 +148,7 @@ class Listener:
         )
 
     def _take(self, subscription: Any, codec: Any) -> Any:
-        """Newest decoded sample of a subscription; None without a new or valid one."""
+        """Newest decoded sample of a subscription; None without a new, valid one."""
         try:
             if (data := newest(subscription)) is None:
                 return None

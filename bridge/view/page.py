@@ -1,4 +1,4 @@
-"""``poise view``: a page in the browser that shows a running robot and steers it."""
+"""``poise view``: a browser page that shows and steers a running robot."""
 
 import sys
 import time
@@ -25,14 +25,14 @@ from models.robot_model import RobotModel
 from planners.gait.scaling import load_gait_config
 
 STEPS = 200  #: Positions of a slider [-]
-REACH = 4.0  #: Upper end of a slider as a multiple of its first value, within the parameter's range [-]
-USUAL = "whole_body."  #: Common prefix of names, omitted from the short labels
+REACH = 4.0  #: Upper end of a slider as a multiple of its initial value, within the range of the parameter [-]
+USUAL = "whole_body."  #: Common prefix of names, omitted in the labels
 
 
 class Gains:
-    """A slider for each float parameter of a node that is not read-only and has a range.
+    """Sliders for the float parameters of a node that have a range and are not read-only.
 
-    A refused value is reported with its reason, and the slider goes back. Requests are repeated after ``timeout`` [s].
+    A refused value is reported with the reason, and the slider is reset. Requests are repeated after ``timeout`` [s].
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class Gains:
         slider.on_update(on_update)
 
     def move(self, name: str, value: float) -> None:
-        """Set a value on the node; when it refuses the newest one, the slider goes back."""
+        """Set a parameter of the node; if the newest value is refused, the slider is reset."""
         self._asked[name] = number = self._asked.get(name, 0) + 1
 
         def on_result(answer: Any) -> None:
@@ -120,7 +120,7 @@ class Gains:
         self._then(self._parameters.set_parameters([Parameter(name, value=value)]), on_result)
 
     def _then(self, future: Any, go_on: Callable[[Any], None]) -> None:
-        """Continue with an answer, or report why there is none."""
+        """Call ``go_on`` with the answer, or report the error."""
 
         def done(future: Any) -> None:
             error = future.exception()
@@ -136,13 +136,13 @@ TUNED = "balance_controller"  #: Node whose gains get sliders
 
 
 class Every:
-    """A rate [Hz] from a time [s] on: late or seldom calls do not shift what follows; ``next`` is when it is due."""
+    """Periodic schedule with a rate [Hz] from a time [s]; late calls do not shift it. ``next`` is the next due time."""
 
     def __init__(self, rate: float, now: float) -> None:
         self._period, self.next = 1.0 / rate, now
 
     def due(self, now: float) -> bool:
-        """Whether a period has begun since the last call."""
+        """Whether a new period has begun since the last call."""
         late = now - self.next
         if late < 0.0:
             return False
@@ -151,7 +151,7 @@ class Every:
 
 
 class Page:
-    """The page of one robot at ``url``, unsigned without ``signer``; ``PoiseError`` when the port is in use."""
+    """Page of one robot at ``url``; commands are unsigned without ``signer``. ``PoiseError`` if the port is in use."""
 
     def __init__(
         self, model: RobotModel, client: Client, *, host: str, port: int, signer: Signer | None = None
@@ -185,7 +185,7 @@ class Page:
             )
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Show and steer until ``stop`` returns True."""
+        """Update the page and publish commands until ``stop`` returns True."""
         rates = self._config.drive_rate, self._config.rate, self._config.plot_rate
         drive, picture, plot = every = tuple(Every(rate, time.monotonic()) for rate in rates)
         while not stop():
@@ -196,14 +196,14 @@ class Page:
             pictures, plots = picture.due(now), plot.due(now)
             if browsers and (pictures or plots):
                 self._show(plot=plots)
-                # On a busy machine pictures take half the time: plots and commands come first.
+                # Pictures take at most half the time, so that plots and commands go on on a busy machine.
                 picture.next = max(picture.next, 2.0 * time.monotonic() - now)
             if plots:
                 self._gains.ask()
             self._client.spin(max(min(timer.next for timer in every) - time.monotonic(), 0.001))
 
     def close(self) -> None:
-        """Release the sticks, leave the graph, and end the server."""
+        """Release the sticks, leave the graph, and stop the server."""
         with ExitStack() as stack:
             stack.callback(self._server.stop)
             stack.callback(self._listener.close)
@@ -240,14 +240,14 @@ def view(
     say: Callable[[str], object] = print,
     timeout: float = 10.0,
 ) -> None:
-    """Serve the page of the running robot until Ctrl-C; ``PoiseError`` without a robot or where the port is in use."""
+    """Serve the page of the running robot until Ctrl-C; ``PoiseError`` without a robot or if the port is in use."""
     stop = Stop()
     with Client(network=network, namespace=namespace) as client:
         model = RobotModel.load(robot or client.robot(timeout))
         page = Page(model, client, host=host, port=port, signer=signer)
         try:
             say(f"{page.url} shows {model.name}; Ctrl-C ends it")
-            sys.stdout.flush()  # the link is printed nowhere else
+            sys.stdout.flush()  # the link is printed only here
             if page.robot.missing:
                 say(f"meshes that cannot be read are left out: {', '.join(page.robot.missing)}")
             page.run(lambda: stop.requested)

@@ -1,4 +1,4 @@
-"""The robot's meshes, its balance and its footsteps in a viser scene."""
+"""Meshes, balance and footsteps of the robot in a viser scene."""
 
 import json
 import warnings
@@ -19,11 +19,11 @@ from models.types import Matrix, Vector
 from models.urdf import data_folder
 from planners.gait.footsteps import Foothold
 
-WORLD = "/world"  #: Scene frame of ``odom``; it moves under a robot that the camera follows
+WORLD = "/world"  #: Scene frame of ``odom``; it moves under the robot when the camera follows
 
 
 class RobotScene:
-    """A scene ``frame`` for each joint, with the meshes of its body; ``missing`` are those that cannot be read."""
+    """Scene frames of the joints with the meshes of their bodies; ``missing`` lists meshes that cannot be read."""
 
     def __init__(self, scene: Any, model: RobotModel) -> None:
         self._model, self._data = model, model.data()
@@ -61,7 +61,7 @@ class RobotScene:
 def _visuals(model: RobotModel) -> list[Any]:
     folders = [data_folder().parent, model.urdf.parent, *model.urdf.parent.parents[:2]]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # Pinocchio's, about folders given twice
+        warnings.simplefilter("ignore", UserWarning)  # Pinocchio warns about repeated folders
         return list(
             pin.buildGeomFromUrdf(
                 model.pin, str(model.urdf), pin.GeometryType.VISUAL, [str(path) for path in folders]
@@ -70,11 +70,11 @@ def _visuals(model: RobotModel) -> list[Any]:
 
 
 def _mesh_of(shape: Any) -> Any:
-    """Unscaled triangles of a visual shape (trimesh); None where they cannot be read."""
+    """Unscaled triangles of a visual shape (trimesh); None if they cannot be read."""
     if Path(shape.meshPath).is_file():
         try:
             return trimesh.load(shape.meshPath, force="mesh")
-        except Exception:  # trimesh raises many kinds, also for decoders that are not installed
+        except Exception:  # trimesh raises many types, also without a decoder
             return None
     geometry = shape.geometry
     if isinstance(geometry, coal.Box):
@@ -93,7 +93,7 @@ def _wxyz(rotation: Any) -> Vector:
     return np.roll(pin.Quaternion(rotation).coeffs(), 1)
 
 
-#: Colour of each thing, red, green and blue [0..255]
+#: Colour of each object: red, green and blue [0..255]
 COLORS = {
     "com": (40, 90, 220),
     "dcm": (220, 60, 40),
@@ -104,14 +104,14 @@ COLORS = {
     "left": (60, 120, 220),
     "right": (220, 120, 60),
 }
-GREY = (50, 50, 60)  #: Of the robot drawn as lines
-DOT, BONE, THIN = 8, 6, 2  #: Widths of what is drawn as lines: the balls, the robot, all else [px]
-RADIUS = 0.02  #: Of the balls at CoM, DCM and ZMP [m]
+GREY = (50, 50, 60)  #: Colour of the robot when drawn as lines
+DOT, BONE, THIN = 8, 6, 2  #: Line widths of the balls, of the robot and of other objects [px]
+RADIUS = 0.02  #: Radius of the balls at CoM, DCM and ZMP [m]
 LIFT = 0.003  #: Height of lines above the floor [m]
 
 
 class BalanceScene:
-    """Markers of the balance of the robot in a viser scene; ``balls`` are at CoM, DCM and ZMP."""
+    """Markers of the balance of the robot in a viser scene; ``balls`` mark CoM, DCM and ZMP."""
 
     def __init__(self, scene: Any, model: RobotModel, config: ViewConfig) -> None:
         self._scene, self._model, self._config, self._data = scene, model, config, model.data()
@@ -120,7 +120,7 @@ class BalanceScene:
             for name in ("com", "dcm", "zmp")
         }
         self._corners = [foot.corners for foot in model.feet]
-        self._lines: dict[str, tuple[Matrix, Any]] = {}  # drawn lines (n, 2, 3) and their colours, by name
+        self._lines: dict[str, tuple[Matrix, Any]] = {}  # drawn lines (n, 2, 3) and colours, by name
 
     def show(self, snapshot: Snapshot) -> Balance:
         """Draw a snapshot; returns its balance."""
@@ -171,7 +171,7 @@ class BalanceScene:
             self._draw(f"{WORLD}/gait/{name}", len(drawn) > 0, self._scene.add_line_segments, drawn, COLORS[name])
 
     def _draw(self, name: str, there: bool, add: Any, points: Matrix, colors: Any) -> None:
-        """Replace an object of changing size."""
+        """Replace an object of variable size, or remove it."""
         if there:
             add(name, points.astype(np.float32), colors)
             self._lines[name] = points, colors
@@ -180,7 +180,7 @@ class BalanceScene:
             self._lines.pop(name, None)
 
     def flat(self, robot: RobotScene, snapshot: Snapshot, state: Balance) -> str:
-        """The same as an HTML element of lines for ``page.js``: ends in W, width [px], colour."""
+        """The same scene as an HTML element of lines for ``page.js``: ends in W, width [px], colour."""
         parents, frames = self._model.pin.parents, robot.frames
         links = [[frames[parents[i]].position, frames[i].position] for i in frames if parents[i] in frames]
         bones = np.concatenate([links, *map(closed, state.corners)])
@@ -197,11 +197,11 @@ class BalanceScene:
 
 
 def outline(hold: Foothold, corners: Matrix, height: float) -> Matrix:
-    """Corners of a sole at a foothold, in W (4, 3) [m], from those in its frame (4, 3) [m] and the floor height [m]."""
+    """Corners of a sole at a foothold in W (4, 3) [m], from corners in the sole frame (4, 3) [m] and a height [m]."""
     places = turned(corners[:, :2], hold.yaw) + np.array([hold.x, hold.y])
     return np.column_stack([places, np.full(len(corners), height)])
 
 
 def closed(points: Matrix) -> Matrix:
-    """Closed line segments through points (n, 3): (n, 2, 3)."""
+    """Line segments of the closed polygon through points (n, 3): (n, 2, 3)."""
     return np.stack([points, np.roll(points, -1, axis=0)], axis=1)

@@ -1,4 +1,4 @@
-"""The web server of the page: viser's, behind a token and a check of the origin."""
+"""Web server of the page: the server of viser, protected by a token and a check of the origin."""
 
 import io
 import secrets
@@ -15,12 +15,12 @@ import websockets.asyncio.server
 
 from models.errors import PoiseError
 
-ALIVE = "/alive"  #: Path that only answers, so that a page can show why it has no connection
-CAMERA = ((2.2, -1.6, 1.4), (0.0, 0.0, 0.6))  #: Position and target of the first view, for a robot at the origin [m]
+ALIVE = "/alive"  #: Path with an empty answer, by which a page finds out why it has no connection
+CAMERA = ((2.2, -1.6, 1.4), (0.0, 0.0, 0.6))  #: Position and target of the initial view of a robot at the origin [m]
 
 
 def refusal(request: Any, token: str, cookie: str) -> str:
-    """Why a request is refused; empty for those of the page itself: its origin, and the token in query or cookie."""
+    """Why a request is refused; empty for requests from the origin of the page with the token in query or cookie."""
     headers = request.headers
     host, origins = headers.get("Host", ""), headers.get_all("Origin")
     if (origins or "Upgrade" in headers) and [urlsplit(origin).netloc or "null" for origin in origins] != [host]:
@@ -35,10 +35,10 @@ def refusal(request: Any, token: str, cookie: str) -> str:
 
 
 def serve(host: str, port: int, robot: str) -> tuple[Any, str]:
-    """Start viser's server; returns it with its link, which holds a random token.
+    """Start the server of viser; returns it and its link, which contains a random token.
 
-    ``PoiseError`` when the port is in use, where viser would silently take the next one, or when viser serves in a way
-    that leaves out the checks.
+    Raises ``PoiseError`` when the port is in use (viser would silently take the next one), or when this version of
+    viser bypasses the checks.
     """
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -60,7 +60,7 @@ def serve(host: str, port: int, robot: str) -> tuple[Any, str]:
             if request.path == ALIVE:
                 return connection.respond(HTTPStatus.NO_CONTENT, "")
             if "Accept-Encoding" in request.headers:
-                del request.headers["Accept-Encoding"]  # the script goes into the plain text
+                del request.headers["Accept-Encoding"]  # the script is inserted into uncompressed text
             response = process_request(connection, request)
             if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
                 response.body = response.body.replace(b"<head>", b"<head><script>%b</script>" % script, 1)
@@ -71,7 +71,7 @@ def serve(host: str, port: int, robot: str) -> tuple[Any, str]:
 
         return start(*args, process_request=answer, **options)
 
-    # viser has no hook for requests, and prints a link without the token
+    # viser has no hook for requests, and its printed link lacks the token
     with patch.object(websockets.asyncio.server, "serve", start_checked), redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label=f"poise: {robot}", verbose=False)
     if not checked:

@@ -1,4 +1,4 @@
-"""Publishes a made-up laser scan in the frame laser_frame, ten times a second."""
+"""Publishes a synthetic laser scan in the frame laser_frame at 10 Hz."""
 
 import rclpy
 from rclpy.node import Node

@@ -1,4 +1,4 @@
-"""Waves on the command 'wave', with joint names as courses print them."""
+"""Waves on the command 'wave', with the joint names used in courses."""
 
 import rclpy
 from builtin_interfaces.msg import Duration

@@ -1,4 +1,4 @@
-"""Logs roll, pitch and yaw of the IMU once a second."""
+"""Logs roll, pitch and yaw of the IMU once per second."""
 
 import math
 

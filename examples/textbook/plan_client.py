@@ -1,4 +1,4 @@
-"""Asks for a plan that brings the left hand to a place, and for its execution."""
+"""Requests a plan that moves the left hand to a position, and its execution."""
 
 import rclpy
 from poise_interfaces.srv import PlanMotion

@@ -1,4 +1,4 @@
-"""Walks at 0.3 m/s; turns at 0.5 rad/s where the scan shows something within a metre ahead."""
+"""Walks at 0.3 m/s; turns at 0.5 rad/s when the scan shows an obstacle within 1 m ahead."""
 
 import math
 
@@ -7,7 +7,7 @@ from geometry_msgs.msg import Twist
 from rclpy.node import Node
 from sensor_msgs.msg import LaserScan
 
-AHEAD = 0.7  # half of the sector that is looked at [rad]
+AHEAD = 0.7  # half of the evaluated sector [rad]
 
 
 class ScanReader(Node):

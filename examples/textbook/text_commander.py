@@ -1,4 +1,4 @@
-"""Turns the words forward, stop and spin into velocities, and adds two integers on request."""
+"""Converts the commands forward, stop and spin to velocities, and offers a service that adds two integers."""
 
 import rclpy
 from example_interfaces.srv import AddTwoInts
