@@ -202,7 +202,7 @@ _LISTED = 4  #: Maximum number of names in a cell of the table
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result for a robot: proposal, written files (the profile first), trials, and the limits found (``notes``)."""
+    """Result for a robot: proposal, written files (the profile first), trials, and limits and warnings (``notes``)."""
 
     proposal: Proposal
     files: tuple[Path, ...]

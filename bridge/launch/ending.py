@@ -45,7 +45,7 @@ class StandingRobot(Protocol):
 
 
 def lower(robot: StandingRobot, config: EndConfig) -> None:
-    """Stop a walk or a motion, move to a low posture, and damp the robot there.
+    """Stop a walk or a motion, move to a low posture, and relax the robot there until it is damped and has sunk.
 
     Raises ``PoiseError`` with the reason when the robot cannot be lowered: it does not stand without support, the
     motion to the low posture is refused, or a step takes too long.

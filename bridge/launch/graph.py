@@ -52,7 +52,7 @@ from planners.library import load_motion, motion_files
 
 
 def own_motions(robot: str, folder: Path) -> Parameters:
-    """Node parameters for a folder of motion files; ``ConfigError`` for an empty folder or an invalid file."""
+    """Node parameters for a folder of motion files; ``ConfigError`` if empty, or with file and key of an error."""
     model = RobotModel.load(robot)
     names = [load_motion(file, model).name for file in motion_files(folder)]
     known = default_config(SupervisorConfig, "controllers", "supervisor").motions

@@ -61,7 +61,7 @@ _LATCHED = json.dumps(
 
 
 class McapLog:
-    """Writes serialised messages with their definitions; ``close`` completes the file. ``PoiseError`` on failure."""
+    """Writes serialised messages with definitions; ``close`` completes the file. ``PoiseError`` if not writable."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._part = path, part_beside(path)

@@ -166,7 +166,7 @@ class Client:
         return self.status.robot
 
     def expect(self, condition: Callable[[], bool], timeout: float, what: str, name: str) -> None:
-        """Wait for ``what`` at a topic or service; after ``timeout`` [s] a ``CommandError`` suggests a remedy.
+        """Wait for ``what`` at a topic or service; after ``timeout`` [s] a ``CommandError`` names robots and a remedy.
 
         The wait is at most ``ROBOT_TIMEOUT`` if only other graphs run on this machine.
         """
@@ -194,7 +194,7 @@ class Client:
         self.wait(lambda: False, duration)
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Serve callbacks until a condition is met; returns whether it was met within ``timeout`` [s]."""
+        """Serve callbacks until a condition, checked after each, is met; returns whether within ``timeout`` [s]."""
         end = time.monotonic() + timeout
         while not condition():
             if (left := end - time.monotonic()) <= 0.0:

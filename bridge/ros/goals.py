@@ -60,8 +60,8 @@ class RobotClient:
     """Subscriptions and service clients that the actions of one node share.
 
     The executor of ``node`` must await coroutines. ``motion`` and ``route`` hold the status messages since ``begin``,
-    ``stops`` counts requests to end the motion, and ``gait_ready`` is set when the gait planner walks. Raises
-    ``MessageError`` when the types of the services are not built.
+    ``stops`` counts requests to end the motion. ``gait_ready`` is set when the gait planner walks; callers clear it.
+    Raises ``MessageError`` when the types of the services are not built.
     """
 
     def __init__(self, node: PoiseNode, config: ActionsConfig) -> None:
