@@ -1,4 +1,4 @@
-"""The control stack: sensors in, joint command out. Simulation, nodes and benchmarks all run it."""
+"""The control stack computes joint commands from sensor samples. Simulation, nodes and benchmarks all run it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +48,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class StackConfig:
-    """Configuration of each stage; the packaged one, or that of the robot, when None."""
+    """Configuration of each stage; None selects the packaged one with the settings of the robot's profile."""
 
     estimator: EstimatorConfig | None = None
     gait: GaitConfig | None = None
@@ -58,12 +58,12 @@ class StackConfig:
 
 
 class StackSnapshot(NamedTuple):
-    """State of the stack between two ticks, without that of its stages."""
+    """State of the stack between two ticks, without the state of its stages."""
 
     state: RobotState  #: Last estimate
-    scheduled: tuple[bool, bool] | None  #: Feet that the last reference has in contact
-    mode: Mode  #: Present mode
-    held: Velocity | None  #: Velocity that is repeated at every tick; optional
+    scheduled: tuple[bool, bool] | None  #: Whether each foot is in contact in the last reference
+    mode: Mode  #: Current mode
+    held: Velocity | None  #: Velocity that is applied at every tick; optional
     correction: Calibration | None  #: Calibration in force; optional
 
 
@@ -102,17 +102,17 @@ class VelocityInput(Protocol):
 
 
 class ControlStack:
-    """Calibration, state estimator, supervisor, whole-body law with its gait, motions and head, joint monitor.
+    """Calibration, state estimator, supervisor, whole-body law with gait, motions and head, and joint monitor.
 
         sensors -> calibration -> estimator -> posture or gait -> whole-body QP -> joint command
 
-    One law runs in every active mode. In a mode that moves nothing only the estimator runs; ``reset`` precedes the next
-    active mode. ``step`` runs all stages of a tick. Where the stages live in nodes, which have the ``robot`` too,
-    ``build_estimator``, ``build_gait`` and ``build_law`` build them with the parameters of each node, and ``estimate``
-    and ``control`` run them.
+    The same law runs in all active modes. In the other modes, only the estimator runs; call ``reset`` before the next
+    active mode. ``step`` runs all stages of a tick. Nodes construct the stack without ``robot``. They build their
+    stages by ``build_estimator``, ``build_gait`` and ``build_law`` with the node's parameters, and run them by
+    ``estimate`` and ``control``.
 
     ``period`` is the time between two ticks [s]; ``law`` replaces ``BalanceController``; ``log`` records the inputs for
-    a replay; without ``supervised`` the mode comes from outside.
+    a replay; without ``supervised``, the caller sets the mode by ``enter``.
     """
 
     def __init__(
@@ -126,25 +126,25 @@ class ControlStack:
         log: InputLog | None = None,
         supervised: bool = True,
     ) -> None:
-        #: ``calibration`` corrects the sensors from the next ``reset`` on
+        #: ``calibration`` takes effect at the next ``reset``
         self.log, self.calibration, self._correction = log, calibration, calibration
         self.robot: RobotModel
         self._estimator: StateEstimator | None = None
         self._gait: GaitPlanner | None = None
         self._law: Law | None = None
         self.head: Head | None = None
-        self.tuning: Tuning | None = None  #: Gains of the standing law that change while it runs
+        self.tuning: Tuning | None = None  #: Changes gains of the standing law at run time
         self._supervisor: Supervisor | None = None
         self.raw: SensorData | None = None  #: Last sample, as measured
         self.sensors: SensorData  #: Last sample, corrected
         self.state: RobotState  #: Last estimate
         self.result: ControlResult  #: Of the last tick in an active mode
-        #: Feet that the last reference has in contact; None while the mode moves nothing
+        #: Whether each foot is in contact in the last reference; None outside the active modes
         self.scheduled: tuple[bool, bool] | None = None
         self.velocity_input: VelocityInput = self  #: Accepts the velocities of text commands
         self._mode = Mode.OFF
         self._held_velocity: Velocity | None = None
-        self._command_t, self._solved = 0.0, SolveStatus.OPTIMAL  # of the last command in this active mode
+        self._command_t, self._solved = 0.0, SolveStatus.OPTIMAL  # time and status of the last command in this mode
         self._motions: MotionPlanner | None = None
         if robot is not None:
             config = config or StackConfig()
@@ -155,7 +155,7 @@ class ControlStack:
             self._description = robot.urdf.read_text(encoding="utf-8")
 
     def build_estimator(self, robot: RobotModel, config: EstimatorConfig | None = None) -> StateEstimator:
-        """Build the estimator, or replace it."""
+        """Build or replace the estimator."""
         self.robot = robot
         self._estimator = StateEstimator(robot, config)
         if self.log is not None:
@@ -164,7 +164,7 @@ class ControlStack:
         return self.estimator
 
     def build_gait(self, robot: RobotModel, config: GaitConfig | None = None) -> GaitPlanner:
-        """Build the gait planner, or replace it; without one the robot does not walk."""
+        """Build or replace the gait planner, which walking requires."""
         self.robot = robot
         self._gait = GaitPlanner(robot, config)
         if self.log is not None:
@@ -175,7 +175,7 @@ class ControlStack:
     def build_law(
         self, robot: RobotModel, config: StackConfig, *, period: float = 0.001, law: Law | None = None
     ) -> None:
-        """Build the whole-body law, the head and the joint monitor, or replace them."""
+        """Build or replace the whole-body law, the head and the joint monitor."""
         self.robot = robot
         if law is None:
             head = None if robot.profile.head is None else Head(robot, config.head)
@@ -200,10 +200,10 @@ class ControlStack:
     # A tick
 
     def reset(self, sensors: SensorData, state: RobotState | None = None) -> RobotState:
-        """Start over from a sample at rest; in-process, the mode is off until ``arm``.
+        """Reset all stages from a sample at rest. With a supervisor in this process, the mode is ``off`` until ``arm``.
 
         Args:
-            sensors: As measured.
+            sensors: Measured sample, without calibration.
             state: Replaces the estimate; optional.
         """
         estimate = self.reset_estimator(sensors)
@@ -213,7 +213,7 @@ class ControlStack:
         return self.state
 
     def switch_off(self) -> None:
-        """Mode off, without faults."""
+        """Enter mode ``off`` and clear all faults."""
         if self._supervisor is not None:
             self._supervisor.reset()
         self._mode = Mode.OFF
@@ -221,7 +221,7 @@ class ControlStack:
             self._law.enter(Mode.OFF)
 
     def reset_estimator(self, sensors: SensorData, *, after: int | None = None) -> RobotState:
-        """Start from a measured sample at rest; ``after`` is the stamp of the tick before, where there is one [ns]."""
+        """Start from a measured sample at rest; ``after`` is the stamp of the previous tick [ns], if there is one."""
         self._correction, self.scheduled = self.calibration, None
         self.raw, self.sensors = sensors, self._correct(sensors)
         if self.log is not None:
@@ -232,7 +232,7 @@ class ControlStack:
         return self.state
 
     def reset_law(self, state: RobotState) -> None:
-        """Start the whole-body law from a state, standing."""
+        """Start the whole-body law from the state of a standing robot."""
         self.law.reset(state)
         if self.head is not None:
             self.head.discard_command()
@@ -250,7 +250,7 @@ class ControlStack:
         return reply
 
     def step(self, sensors: SensorData, dt: float, state: RobotState | None = None) -> JointCommand | None:
-        """One tick, ``dt`` [s] after the last; None where the mode moves nothing. ``state`` replaces the estimate."""
+        """Run one tick, ``dt`` [s] after the last; None outside the active modes. ``state`` replaces the estimate."""
         if state is None:
             self.estimate(sensors, dt)
         else:
@@ -259,7 +259,7 @@ class ControlStack:
         return None if result is None else result.command
 
     def estimate(self, sensors: SensorData, dt: float) -> RobotState:
-        """Calibration and estimator of one tick."""
+        """Run calibration and estimator of one tick."""
         self._record_change("dt", dt)
         self.raw, self.sensors = sensors, self._correct(sensors)
         self.state = self.estimator.step(self.sensors, dt, self.scheduled)
@@ -269,11 +269,11 @@ class ControlStack:
         return self.state
 
     def set_state(self, state: RobotState) -> None:
-        """Accept the estimate of another process."""
+        """Set the estimate of another process."""
         self.state = state
 
     def control(self, dt: float) -> ControlResult | None:
-        """Gait, motions, head, whole-body law and joint monitor of one tick; None while the mode moves nothing."""
+        """Run gait, motions, head, whole-body law and joint monitor of one tick; None outside the active modes."""
         self._record_change("mode", self.mode)
         self.scheduled = None
         if self.mode not in ACTIVE_MODES:
@@ -296,10 +296,10 @@ class ControlStack:
         return result
 
     def supervise(self, t: float, *, drivers_damped: bool = False, hardware: tuple[str, ...] = ()) -> Mode:
-        """Update the supervisor at time ``t`` [s], also when no sample arrives; returns the mode from now on.
+        """Update the supervisor at time ``t`` [s] and return the new mode. Call it also when no sample arrives.
 
-        The age of the command counts from the last tick, or from the stamp of the state with which the robot became
-        active. ``hardware`` are the holds of a real robot's monitors. A hold ends a walk.
+        The age of the command counts from the last tick, or from the state at which the active mode began if that is
+        later. ``hardware`` are the holds of a real robot's monitors. A hold ends a walk.
         """
         status = self.status
         health = Health(
@@ -326,7 +326,7 @@ class ControlStack:
 
     @property
     def mode(self) -> Mode:
-        """Present mode of the robot."""
+        """Current mode of the robot."""
         return self._mode if self._supervisor is None else self.supervisor.mode
 
     @property
@@ -341,7 +341,7 @@ class ControlStack:
 
     @property
     def posture(self) -> tuple[Vector, Vector]:
-        """Where motions are planned from: posture (nj,) [rad] and its rate [rad/s], without the head's own motion."""
+        """Start of planned motions: posture (nj,) [rad] and its rate [rad/s], without the motion of the head."""
         reference = self.reference
         if self.head is None:
             return reference.posture, reference.posture_velocity
@@ -349,28 +349,28 @@ class ControlStack:
 
     @property
     def capture_margin(self) -> float:
-        """Distance of the DCM inside the support polygon's edge, negative outside [m]; NaN where unknown."""
+        """Distance of the DCM from the edge of the support polygon, negative outside [m]; NaN if unknown."""
         margin: float = getattr(self.law, "capture_margin", float("nan"))
         return margin
 
     @property
     def joint_fault(self) -> str:
-        """Fault of a joint; empty without one."""
+        """Fault of a joint; empty without a fault."""
         return self._monitor.fault
 
     @property
     def delay(self) -> float:
-        """Delay from a sample to the first one that its command has an effect on, as measured [s]."""
+        """Measured delay from a sample to the first later sample that its command affects [s]."""
         return self._monitor.delay
 
     @property
     def walking(self) -> bool:
-        """Whether the gait follows its commands."""
+        """Whether the gait executes its commands."""
         return isinstance(self._law, BalanceController) and self._law.walking
 
     @property
     def gait_active(self) -> bool:
-        """Whether the robot walks, or has not yet come to a standstill."""
+        """Whether the robot walks or has not come to a standstill yet."""
         return self.walking and not self.gait.settled
 
     @property
@@ -380,14 +380,14 @@ class ControlStack:
 
     @property
     def snapshot(self) -> StackSnapshot:
-        """State that the stack keeps between two ticks."""
+        """State of the stack between two ticks."""
         return StackSnapshot(self.state, self.scheduled, self._mode, self._held_velocity, self._correction)
 
     def restore(self, snapshot: StackSnapshot) -> None:
-        """Restore a ``snapshot``; the caller restores the stages."""
+        """Restore a snapshot. The caller restores the stages."""
         self.state, self.scheduled, self._mode, self._held_velocity, self._correction = snapshot
 
-    # Inputs; each is recorded
+    # Inputs, all recorded
 
     def enter(self, mode: Mode) -> None:
         """Enter a mode."""
@@ -400,7 +400,7 @@ class ControlStack:
             self._law.enter(mode)
 
     def command(self, text: str) -> CommandReply:
-        """Carry out a text command (wave, squat, walk, forward, stop, ...), or return the reason of the refusal."""
+        """Execute a text command (wave, squat, walk, forward, stop, ...), or return the reason for its refusal."""
         supervisor = self.supervisor
         reply = supervisor.text(text)
         self.enter(supervisor.mode)
@@ -422,13 +422,13 @@ class ControlStack:
 
     def _plan(self, motion: str) -> "SizedMotion":
         if self._motions is None:
-            from planners.motion import MotionPlanner  # with placo, whose import takes long
+            from planners.motion import MotionPlanner  # imports placo, which is slow
 
             self._motions = MotionPlanner(self.robot)
         return self._motions.plan_sized(motion, start_q=self.posture[0])
 
     def follow(self, trajectory: JointTrajectory, number: int | None = None) -> None:
-        """Follow a motion, while walking with arms and head only; refused as by ``BalanceController.follow``."""
+        """Follow a motion; while walking, only with arms and head. Raises as ``BalanceController.follow`` does."""
         trajectory = replace(trajectory, joint_names=self.robot.named(trajectory.joint_names))
         self.law.follow(trajectory)
         if self.head is not None:
@@ -443,21 +443,21 @@ class ControlStack:
         self._record("stop_motion")
 
     def look(self, pan: float, tilt: float) -> None:
-        """Turn the head to joint angles [rad] until a motion moves it; ``CommandError`` where that fails."""
+        """Turn the head to joint angles [rad], held until a motion moves the head; ``CommandError`` when refused."""
         if self.head is None:
             raise CommandError("this robot has no head to turn: its profile names no joints 'head.pan' and 'head.tilt'")
         self.head.command(pan, tilt)
         self._record("head", pan, tilt)
 
     def set_gain(self, name: str, value: float) -> None:
-        """Move a gain of the standing law to a value; see ``Tuning.set`` for refusals."""
+        """Set the target of a gain of the standing law. Raises ``CommandError`` as ``Tuning.set`` does."""
         if self.tuning is None:
             raise CommandError(f"gain '{name}' refused: this whole-body law has no gains to tune")
         self.tuning.set(name, value)
         self._record("gain", name, value)
 
     def _require_free(self) -> None:
-        """``CommandError`` while the supervisor brings the robot to a standstill, or holds it there."""
+        """Raise ``CommandError`` while the supervisor stops the robot or holds it at a standstill."""
         if self._supervisor is not None and self._supervisor.still:
             why = "; ".join(self._supervisor.holds) or "the robot comes to a standstill"
             raise CommandError(f"walking refused: {why}; command 'walk' afterwards")
@@ -465,7 +465,7 @@ class ControlStack:
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
         """Walk with a velocity [m/s, m/s, rad/s]; see ``GaitPlanner.set_velocity``.
 
-        Any but zero is a ``CommandError`` while a supervisor has the robot come to a standstill or hold still.
+        Raises ``CommandError`` for a nonzero velocity while a supervisor stops the robot or holds it at a standstill.
         """
         if any((forward, left, turn)):
             self._require_free()
@@ -473,9 +473,9 @@ class ControlStack:
         self._record("velocity", forward, left, turn)
 
     def hold_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Repeat a velocity [m/s, m/s, rad/s] at every tick, as a joystick does, until ``stop`` or a reset.
+        """Apply a velocity [m/s, m/s, rad/s] at every tick, as a joystick does, until ``stop`` or a reset.
 
-        Refused as by ``set_velocity``.
+        Raises ``CommandError`` as ``set_velocity`` does.
         """
         if any((forward, left, turn)):
             self._require_free()
@@ -494,13 +494,13 @@ class ControlStack:
         self._record("stop")
 
     def walk_to(self, goal: Foothold) -> None:
-        """Walk to a pose; see ``GaitPlanner.walk_to``. Refused as by ``set_velocity``."""
+        """Walk to a pose; see ``GaitPlanner.walk_to``. Refused like a nonzero velocity."""
         self._require_free()
         self.gait.walk_to(goal)
         self._record("walk_to", *structs.astuple(goal))
 
     def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
-        """Take footsteps; see ``GaitPlanner.take_steps``. Refused as by ``set_velocity``."""
+        """Take footsteps; see ``GaitPlanner.take_steps``. Refused like a nonzero velocity."""
         self._require_free()
         self.gait.take_steps(steps, after)
         self._record("take_steps", [step.values for step in steps], after)
@@ -524,7 +524,7 @@ class ControlStack:
 
     @property
     def supervisor(self) -> Supervisor:
-        """Mode machine."""
+        """Supervisor of the modes."""
         return _built(self._supervisor, "supervisor")
 
     def _correct(self, sensors: SensorData) -> SensorData:
@@ -544,7 +544,7 @@ def _with_note(reply: CommandReply, note: str) -> CommandReply:
 
 
 def _built(stage: T | None, name: str) -> T:
-    """The stage, or an error when this stack has none."""
+    """Return a stage; ``PoiseError`` when this stack does not have it."""
     if stage is None:
         raise PoiseError(f"this control stack has no {name}: it runs in another process, or has not been configured")
     return stage
