@@ -1,1 +1,1 @@
-"""The law of standing and walking."""
+"""Balance law for standing and walking."""

@@ -1,4 +1,4 @@
-"""Balance: DCM feedback on a posture, a motion or the steps of a gait, executed by the whole-body QP."""
+"""Balance law: DCM feedback about a posture, a motion or the steps of a gait, realised by the whole-body QP."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -49,18 +49,18 @@ _UNSOLVED = (SolveStatus.HELD, SolveStatus.DAMPED)
 
 
 class Gait(Protocol):
-    """Gait planner that the law follows."""
+    """Gait planner that supplies the references of the steps."""
 
     @property
     def phase(self) -> GaitPhase:
-        """Phase now."""
+        """Current phase."""
 
     @property
     def settled(self) -> bool:
         """Whether the robot has come to a standstill."""
 
     def reset(self, state: RobotState) -> None:
-        """Start over from a robot that stands on both feet."""
+        """Reset to the state of a robot that stands on both feet."""
 
     def stop(self) -> None:
         """Come to a standstill within two steps."""
@@ -68,38 +68,38 @@ class Gait(Protocol):
     def step(
         self, state: RobotState, dt: float, rest: Rest | None = None, motion: Unboxed[BodyMotion] | None = None
     ) -> Reference:
-        """One tick: the reference to track; ``rest`` is where a standing robot comes to rest.
+        """Return the reference of one tick; ``rest`` is the state in which a standing robot comes to rest.
 
-        ``motion`` is CoM and soles of this same ``state``, computed from it when None.
+        ``motion`` is the motion of CoM and soles in ``state``, computed from it when None.
         """
 
 
 class BalanceController:
-    r"""Keeps the CoM over the soles while the joints follow a posture, a motion or the steps of a gait.
+    r"""Keeps the CoM above the soles while the joints track a posture, a motion or the steps of a gait.
 
     .. math::
         \xi = c + \dot c / \omega, \quad \omega = \sqrt{g / z}, \quad
         p = \xi - \dot\xi_{ref}/\omega + k (\xi - \xi_{ref}), \quad
         \ddot c_{xy} = \omega^2 (c - \bar p)
 
-    where ``p_bar`` is p projected onto the support polygon, or in standing moved beyond its edge by a bounded reach
-    when the DCM nears the edge (``controllers/balance/support.py``): then arms and hips add the momentum that the
-    ankles cannot provide. In single support the soles are shifted by the planned reaction of the swing leg
+    where ``p_bar`` is the projection of p onto the support polygon. When the DCM nears the edge, ``p_bar`` moves beyond
+    the edge by a bounded reach (``controllers/balance/support.py``), and arms and hips supply the momentum that the
+    ankles cannot provide. In single support, the planned reaction of the swing leg shifts the polygon
     (``Reference.cmp_offset``).
 
-    The gait runs in every tick. While it stands, the reference is that of the posture on the soles; while it steps, the
-    reference is the gait's, with arms and head of the posture. The transition blends both references and the gains. In
-    every mode a standing gait steps when the DCM leaves the soles; the part of a motion that moves legs and torso then
-    ends, and arms and head continue.
+    The gait runs in every tick. In its standing phase, the reference is the posture on the soles. While it steps, the
+    reference is the gait's, with arms and head from the posture. The transition blends both references and the gains.
+    In every mode, a standing gait steps when the DCM leaves the soles. A motion then ends for legs and torso, and
+    continues for arms and head.
 
     ``config`` and ``whole_body`` are the packaged gains when None; ``extra_tasks`` and ``extra_limits`` extend the QP;
-    ``head`` is optional. Without ``set_gait`` the robot keeps its feet where they are, as a standing one does
-    with ``no_step``. ``reference`` is that of the last tick, ``capture_margin`` the distance of the DCM inside the
-    support polygon's edge [m], ``gains`` are those in force, in the order of ``feedback_gains``, then
-    ``reaction_reach_max`` (8,); ``walking`` is whether the gait may follow its commands: mode ``walk``.
+    ``head`` is optional. Without ``set_gait``, or with ``no_step`` while standing, the feet stay in place.
+    ``reference`` is the reference of the last tick; ``capture_margin`` is the distance of the DCM inside the edge of
+    the support polygon [m]; ``gains`` are the gains in force, in the order of ``feedback_gains``, followed by
+    ``reaction_reach_max`` (8,); ``walking`` is true in mode ``walk``, in which the gait executes commands.
 
     Assumptions:
-        Standing, both soles are on the same plane. The state comes from the estimator.
+        While standing, both soles are on the same plane. The state comes from the estimator.
 
     References:
         Englsberger, Ott, Albu-Schaeffer: Three-dimensional bipedal walking control based on divergent component of
@@ -153,7 +153,7 @@ class BalanceController:
         self._warm_up()
 
     def set_gait(self, gait: Gait) -> None:
-        """Take steps from now on, planned by a gait."""
+        """Set the planner of the steps; it is reset in the next tick."""
         self.gait, self._gait_started = gait, False
 
     @property
@@ -163,14 +163,14 @@ class BalanceController:
 
     @property
     def stepping(self) -> bool:
-        """Whether steps are being taken, or the robot has not come to rest after them."""
+        """Whether the robot takes steps or has not come to rest after them."""
         return self.gait is not None and self._gait_started and not self.gait.settled
 
     def reset(self, state: RobotState) -> None:
-        """Start over from a measured state, holding its joint positions as the posture."""
+        """Reset from a measured state and hold its joint positions as the posture."""
         self.whole_body.reset(state.q[7:])
         self.motions.reset(state.q[7:])
-        # Nothing of an earlier run may remain, not even in the rounding: a reset controller is a new one.
+        # Clear all arrays, so that a reset controller returns bit for bit the same commands as a new one.
         arrays = self._arrays
         arrays.anchor[:] = arrays.positions[:] = arrays.seen[:] = 0.0
         arrays.anchor_rotation[:] = arrays.rotations[:] = np.eye(3)
@@ -184,7 +184,7 @@ class BalanceController:
         self._gait_started = True
 
     def enter(self, mode: Mode) -> None:
-        """Go on in another mode: ``walk`` lets the gait follow its commands, every other one ends a walk."""
+        """Set the mode. In ``walk``, the gait executes its commands; every other mode ends a walk."""
         walk = mode is Mode.WALK and self.gait is not None
         if walk and not self.walking:
             self.motions.stand_up()
@@ -194,25 +194,25 @@ class BalanceController:
         self.walking = walk
 
     def follow(self, trajectory: JointTrajectory) -> None:
-        """Start a motion from the present posture; while walking, of arms and head only. See ``MotionPlayer``."""
+        """Start a motion from the current posture; while walking, for arms and head only. See ``MotionPlayer``."""
         if self._first_tick:
             raise TrajectoryError("the controller has not run yet: there is no posture to start from")
         self.motions.follow(trajectory, self.reference, walking=self.walking, stepping=self._share > 0.0)
 
     def stop_motion(self) -> None:
-        """Slow down and hold the posture reached; while walking, return to the posture of the walk."""
+        """Stop a motion and hold the posture reached; while walking, return to the posture of the walk."""
         self.motions.stop(self.reference)
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
-        """One tick, ``dt`` [s] after the last one, from the estimated state."""
+        """Run one tick from the estimated state, ``dt`` [s] after the last one."""
         if finite_state(state.q, state.v):
             self.whole_body.terms.update(state)
             return self._track(state, self._build_reference(state, dt))
-        command, status = self.whole_body.fall_back()  # NaN must not enter what is kept from tick to tick
+        command, status = self.whole_body.fall_back()  # NaN must not enter the state of the law
         return self._result(command, status)
 
     def track(self, state: RobotState, reference: Reference) -> ControlResult:
-        """One tick on a given reference with ``dcm`` and ``dcm_velocity``, with the gains of stepping."""
+        """Run one tick on a given reference, which has ``dcm`` and ``dcm_velocity``, with the gains of stepping."""
         self._set_share(1.0)
         self.whole_body.terms.update(state)
         return self._track(state, reference)
@@ -256,7 +256,7 @@ class BalanceController:
         )
 
     def _hold_in_air(self, state: RobotState, reference: Reference) -> ControlResult:
-        """Result without ground forces: the drivers hold the posture and compensate gravity."""
+        """Result without contact: the drivers hold the posture, with the torques of gravity as feed-forward."""
         model, com = self.model, self.whole_body.terms.com
         gravity = pin.computeGeneralizedGravity(model.pin, self._data, state.q)[6:]
         tau = np.clip(gravity, -model.tau_max, model.tau_max)
@@ -272,7 +272,7 @@ class BalanceController:
         )
 
     def _build_reference(self, state: RobotState, dt: float) -> Reference:
-        """Reference of this tick: that of the posture, that of the gait, or a blend."""
+        """Reference of this tick: of the posture, of the gait, or blended."""
         gait, (standing, dcm, height) = self.gait, self._stand(state, dt)
         if gait is None:
             return standing
@@ -295,7 +295,7 @@ class BalanceController:
         return self._blend(standing, planned, rest, gait.phase)
 
     def _stand(self, state: RobotState, dt: float) -> tuple[Reference, Vector, float]:
-        """Reference of the posture on the soles, its DCM in W (2,) [m] and the height of its CoM above them [m]."""
+        """Reference of the posture on the soles, its DCM in W (2,) [m] and its CoM height above the soles [m]."""
         posture, velocity, acceleration = self.motions.step(dt)
         moving = velocity is not self.motions.zero
         fresh, (left, right) = self._first_tick, state.contacts
@@ -332,7 +332,7 @@ class BalanceController:
         return reference, placed[8, :2], float(placed[8, 2])
 
     def _advance(self, phase: GaitPhase, planned: Reference, dt: float) -> None:
-        """Raise the share of the gait in the references while it steps, and lower it while it stands."""
+        """Ramp the share of the gait in the references up while it steps, and down while it stands."""
         if phase is GaitPhase.STAND:
             share = max(self._share - dt / self.config.blend_out_s, 0.0)
         else:
@@ -349,7 +349,7 @@ class BalanceController:
         self.schedule.apply(share, 1.0)
 
     def _blend(self, standing: Reference, planned: Reference, rest: Rest, phase: GaitPhase) -> Reference:
-        """Arms and head of the posture; the rest goes from the posture's reference to the gait's."""
+        """Take arms and head from the posture, and blend the rest from the posture's reference to the gait's."""
         share = min_jerk(self._share)[0]
         posture, velocity, acceleration = postures = np.empty((3, self.model.nj))
         blend_postures(
@@ -397,7 +397,7 @@ class BalanceController:
         )
 
     def _warm_up(self) -> None:
-        """Compile all kernels and fill every cache, so that no tick waits for the compiler."""
+        """Compile all kernels and fill all caches, so that no tick waits for the compiler."""
         model = self.model
         foot = ContactState(active=True, wrench=np.zeros(6))
         state = RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (foot, foot))

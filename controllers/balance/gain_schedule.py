@@ -10,9 +10,9 @@ from models.types import Vector
 
 @dataclass(frozen=True, slots=True)
 class ScheduledGains:
-    """One array of gains (k,): those in force, of standing, of stepping, and of steps that nothing disturbs.
+    """An array of gains (k,): in force, for standing, for stepping, and for undisturbed (calm) steps.
 
-    Between the last two counts the stiffness, or with ``when_urgent`` whether the step is urgent.
+    The stiffness of the reference interpolates the last two; with ``when_urgent``, an urgent step selects ``stepping``.
     """
 
     live: Vector
@@ -23,10 +23,10 @@ class ScheduledGains:
 
 
 class GainSchedule:
-    """Gains between standing and ``WholeBodyConfig.stepping``, linear in the ``share`` of the gait from 0 to 1 [-].
+    """Interpolates gains between standing and ``WholeBodyConfig.stepping``, linear in the gait's ``share``, 0 to 1 [-].
 
-    Those of stepping are linear in the ``stiffness`` of the gait's reference, likewise. The weight of the base is more
-    in an urgent step: a push at the pelvis and the swing leg turn the base, which then falls over feet in place.
+    The gains of stepping are linear in the ``stiffness`` of the gait's reference, 0 to 1 [-]. The weight of the base is
+    larger in an urgent step, since a push at the pelvis and the swing leg rotate the base until it tips over the feet.
     """
 
     def __init__(self, whole_body: WholeBodyController) -> None:
@@ -65,7 +65,7 @@ class GainSchedule:
         *,
         when_urgent: bool = False,
     ) -> None:
-        """Schedule an array of gains, which is set to its standing values; ``calm`` as ``stepping`` when None."""
+        """Schedule an array of gains and set it to its standing values; ``calm`` equals ``stepping`` when None."""
         calm = stepping if calm is None else calm
         self.gains[name] = ScheduledGains(live, standing.copy(), stepping, calm, when_urgent)
         live[:] = standing

@@ -28,24 +28,24 @@ class HeadConfig:
 
 
 class Head:
-    r"""Moves pan and tilt of a posture to the commanded angles, with bounded speed and acceleration.
+    r"""Moves pan and tilt of the head to the commanded angles, with bounded speed and acceleration.
 
     .. math::
         \dot r = \mathrm{clip}(g - r), \quad \dot x = w (r - x), \quad \dot q = w (x - q)
 
-    A ramp r of bounded speed goes to the goal g within the joints' limits; two low-pass filters of bandwidth w smooth
-    it. Both average the past of the ramp, so q keeps the limits of position and speed, and its acceleration, at most
-    twice the speed times w, has no step.
+    The ramp r moves to the goal g with bounded speed, within the joint limits. Two low-pass filters of bandwidth w
+    smooth it. They average past values of the ramp, so q keeps the limits of position and speed. The acceleration of q
+    is continuous and at most twice the speed times w.
 
-    The QP tracks q with the posture's gains, which leave an error of several degrees under dry friction in a joint
-    with so little inertia. So the setpoint of the drivers is blended to q, with a weight that goes from 0 to 1 within
-    ``grip_time``.
+    The QP tracks q with the posture's gains, which leave an error of several degrees under dry friction, since the
+    inertia of the joints is small. Therefore the setpoint of the drivers is blended to q, with a weight that goes from
+    0 to 1 within ``grip_time``.
 
-    The last command applies until a motion moves the head: ``release`` then leads the difference to the motion's
-    posture back to zero in the same way. Before the first command, and once that difference is zero, the posture is
-    returned unchanged.
+    The last command applies until a motion moves the head. ``release`` then reduces the difference to the posture of
+    the motion to zero by the same ramp and filters. Before the first command, and when the difference is zero, the
+    posture is returned unchanged.
 
-    Raises ``ConfigError`` when the profile names no head, or a joint that also moves a foot or the torso.
+    Raises ``ConfigError`` when the profile has no head, or when a head joint also moves a foot or the torso.
     """
 
     def __init__(self, model: RobotModel, config: HeadConfig | None = None) -> None:
@@ -62,27 +62,27 @@ class Head:
         self._high = model.q_upper[self.joints] - config.limit_margin
         self._speed = np.minimum(config.speed, model.v_max[self.joints])
         self._stages = np.zeros((3, 2))  # ramp, first and second low-pass, of pan and tilt [rad]
-        self._input = np.zeros((2, 2))  # of both joints in the given posture: positions [rad], velocities [rad/s]
+        self._input = np.zeros((2, 2))  # positions [rad] and velocities [rad/s] of both joints in the given posture
         self.discard_command()
 
     @property
     def active(self) -> bool:
-        """Whether it changes the posture."""
+        """Whether ``step`` changes the posture."""
         return self._goal is not None or self._modifies_posture
 
     @property
     def _modifies_posture(self) -> bool:
-        """Whether it changed the posture on the last tick: only then does ``_input`` hold the given one."""
+        """Whether ``step`` changed the posture in the last tick; otherwise ``_input`` is out of date."""
         return not self._relative or self._drive_weight > 0.0 or bool(self._stages.any())
 
     def discard_command(self) -> None:
-        """Discard goal and filter state: the posture is returned unchanged."""
+        """Discard the goal and the filter state, so that the posture is returned unchanged."""
         self._goal: Vector | None = None
-        self._relative = True  # whether the stages are counted from the posture, or from zero
+        self._relative = True  # whether the stages are relative to the posture, or absolute
         self._stages[:] = self._drive_weight = 0.0
 
     def command(self, pan: float, tilt: float) -> None:
-        """Set the goal to joint angles [rad], clipped to the limits; ``CommandError`` names one that is not finite."""
+        """Set the goal to joint angles [rad], clipped to the limits; ``CommandError`` when one is not finite."""
         for name, value in (("pan", pan), ("tilt", tilt)):
             if not math.isfinite(value):
                 raise CommandError(f"{name}: {value} rad is no angle")
@@ -94,12 +94,12 @@ class Head:
             return
         self._goal = None
         if self._modifies_posture and self._relative:
-            # It is returning to the posture of another motion, which may be far from that of this one.
+            # The head is returning to the posture of an earlier motion, which may be far from the new one.
             self._stages += self._origin()
             self._relative = False
 
     def step(self, posture: Vector, velocity: Vector, acceleration: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
-        """Head in a posture, its rate and the rate's rate, ``dt`` [s] later; the given rate while nothing moves."""
+        """Posture, velocity and acceleration with the head, ``dt`` [s] later; the given arrays when unchanged."""
         if not self.active:
             return posture, velocity, acceleration
         stages, joints, w = self._stages, self.joints, self.config.bandwidth
@@ -110,7 +110,7 @@ class Head:
             max(weight_goal - self._drive_weight, -dt / self.config.grip_time), dt / self.config.grip_time
         )
         if self._relative is not (self._goal is None):
-            # Count from the other origin, as it was a tick ago, so that position and velocity go on.
+            # Change the origin to its value of the last tick, so that position and velocity are continuous.
             origin = self._origin() - rate * dt
             stages += -origin if self._goal is None else origin
             self._relative = self._goal is None
@@ -137,7 +137,7 @@ class Head:
         return posture, velocity, acceleration
 
     def blend_setpoint(self, result: ControlResult, reference: Reference) -> ControlResult:
-        """Blend the joints of the head in the setpoint of the drivers to those of the reference."""
+        """Blend the head joints of the drivers' setpoint to the reference."""
         if not self._drive_weight or result.status is SolveStatus.DAMPED:
             return result
         command, joints = result.command, self.joints
@@ -147,10 +147,10 @@ class Head:
         return replace(result, command=replace(command, q=q, v=v))
 
     def without_head(self, reference: Reference, motion: JointTrajectory | None = None) -> tuple[Vector, Vector]:
-        """Posture (nj,) [rad] and its rate without the head's motion, from which motions start.
+        """Start of a motion: posture (nj,) [rad] and its rate [rad/s] without the motion of the head.
 
-        Joints of the head that an optional ``motion`` moves start at its first point, whether it was planned with or
-        without the head's motion: ``step`` blends the difference out.
+        Head joints that the optional ``motion`` moves start at its first point, so it may be planned with or without
+        the motion of the head. ``step`` reduces the difference to zero.
         """
         if not self._modifies_posture:
             return reference.posture, reference.posture_velocity
@@ -164,6 +164,6 @@ class Head:
         return posture, velocity
 
     def _origin(self) -> Vector:
-        """Stages of a head in steady state on the given posture, which moves at its rate (3, 2) [rad]."""
+        """Stages (3, 2) [rad] in steady state for the given posture and its rate."""
         position, rate = self._input
         return np.array(position + np.array([[2.0], [1.0], [0.0]]) * rate / self.config.bandwidth)

@@ -1,4 +1,4 @@
-"""Posture of every tick: a held one, a motion of the whole body, or one of arms and head while the legs walk."""
+"""Posture of every tick: held, a motion of the whole body, or a motion of arms and head during a walk."""
 
 from dataclasses import replace
 
@@ -14,17 +14,17 @@ from models.trajectory import TrajectoryLimits, TrajectorySampler, validate_traj
 from models.types import JointTrajectory, Reference, Vector
 from planners.motion_config import MotionConfig
 
-STILL = 1e-9  #: Velocity that rounding leaves [rad/s]
-_POWERS = np.linspace(0.0, 1.0, 8)[:, None] ** np.arange(6)  #: Of instants on a segment
+STILL = 1e-9  #: Velocity up to which a joint is at rest, due to rounding [rad/s]
+_POWERS = np.linspace(0.0, 1.0, 8)[:, None] ** np.arange(6)  #: Powers of 8 instants on a segment
 
 
 class MotionPlayer:
-    """Samples the posture that the robot holds or moves through, with the optional ``head`` on top of it.
+    """Samples the posture that the robot holds or moves through, and adds the motion of the optional ``head``.
 
-    A motion during which the robot has to step continues with arms and head; legs and torso end it in the 'stand'
-    posture. A motion that begins while it steps moves arms and head only.
+    When the robot has to step during a motion, arms and head continue it; legs and torso end in the 'stand' posture. A
+    motion that starts while the robot steps moves arms and head only.
 
-    ``free`` are the joints of arms and head (nj,), ``zero`` is the velocity that ``step`` returns while nothing moves.
+    ``free`` marks the joints of arms and head (nj,); ``zero`` is the velocity that ``step`` returns at rest.
     """
 
     def __init__(self, model: RobotModel, config: BalanceConfig, head: Head | None) -> None:
@@ -43,7 +43,7 @@ class MotionPlayer:
         return self._upper.active or (self._motion is not None and not self._standing_up)
 
     def reset(self, joints: Vector) -> None:
-        """Hold joint positions (nj,) [rad], brought into their limits."""
+        """Hold joint positions (nj,) [rad], clipped to their limits."""
         self._motion: TrajectorySampler | None = None
         self._time, self._standing_up = 0.0, False
         self._fade = 0.0  # time in which ``_former`` fades out [s]
@@ -53,16 +53,15 @@ class MotionPlayer:
         self._upper.drop()
 
     def follow(self, trajectory: JointTrajectory, reference: Reference, *, walking: bool, stepping: bool) -> None:
-        """Start a motion from the posture reference of the last tick; a running one is replaced without a jump.
+        """Start a motion from the posture reference of the last tick; it replaces a running motion without a jump.
 
-        A single point at rest that is due within ``setpoint_time_s`` takes this time where the motion before it is as
-        close to its end, and its step from there is at most ``start_jump`` and the way at the present velocity: a
-        stream of them is followed smoothly. Otherwise it takes as long as the limits of planned motions require. A
-        velocity that the motion does not start with, as of a joint which it does not name, or which would take it
-        beyond the joint limits, fades out within ``stop_time_s``. A motion that does not end at rest slows down after
-        its end like a stopped one. While ``walking``, only arms and head follow, blended in and out; while
-        ``stepping``, the gait moves legs and torso until the motion ends. Raises ``TrajectoryError`` or
-        ``JointNameError`` as ``validate_trajectory`` does.
+        A single point at rest that is due within ``setpoint_time_s`` may belong to a stream of setpoints. It takes this
+        time if the previous motion ends within it and the step from that end is at most ``start_jump`` plus the travel
+        at the current velocity. Otherwise it takes as long as the limits of planned motions require. An initial
+        velocity fades out within ``stop_time_s`` if the motion does not start with it, as for joints that it does not
+        name, or if it would exceed the joint limits. A motion that does not end at rest is slowed down like a stopped
+        one. While ``walking``, only arms and head follow, blended in and out. While ``stepping``, the gait moves legs
+        and torso until the motion ends. Raises ``TrajectoryError`` or ``JointNameError`` as ``validate_trajectory``.
         """
         start, speed = self._start(reference, trajectory)
         if walking:
@@ -74,7 +73,7 @@ class MotionPlayer:
         validate_trajectory(trajectory, self._model, start_q=start)
         if stepping and self._legs is None:
             self._legs = self._last[0]
-        self._upper.drop()  # a motion of the walk that still fades out: it is in ``start``
+        self._upper.drop()  # ``start`` contains what is left of a motion of the walk
         self._begin(trajectory, start, speed)
 
     def stop(self, reference: Reference) -> None:
@@ -85,7 +84,7 @@ class MotionPlayer:
         self._slow_down(*self._start(reference, None))
 
     def stand_up(self) -> None:
-        """End any motion and go from the present posture to 'stand', which the arms keep during a walk."""
+        """End any motion and move from the current posture to 'stand', which the arms hold during a walk."""
         self._upper.release()
         if self._motion is None and np.array_equal(self._last[0], self._stand):
             return
@@ -93,16 +92,16 @@ class MotionPlayer:
         self._standing_up = True
 
     def end_walk(self) -> None:
-        """Blend out a motion of arms and head that was started while walking."""
+        """Blend out a motion of arms and head that started while walking."""
         self._upper.stop()
 
     def hold_legs(self) -> None:
-        """End the part of a motion that moves legs and torso: the robot steps."""
+        """Hold legs and torso at the current posture during a motion, since the robot steps."""
         if self._motion is not None:
             self._legs = self._last[0]
 
     def release_legs(self) -> None:
-        """Legs and torso follow the gait alone; the motion that was interrupted ends with them in 'stand'."""
+        """Set the posture of held legs and torso to 'stand', once they follow the gait alone."""
         if self._legs is not None:
             self._legs = self._stand
 
@@ -143,18 +142,18 @@ class MotionPlayer:
         return self._head.without_head(reference, motion)
 
     def _setpoint_times(self, setpoint: JointTrajectory, start: Vector, speed: Vector) -> Vector:
-        """Time of a lone point (1,) [s]: as given, or as planned motions would take; errors as of ``follow``."""
+        """Time of a single point (1,) [s]; see ``follow``, also for errors."""
         validate_trajectory(setpoint, self._model)
         config, model = self._config, self._model
         if setpoint.times[0] > config.setpoint_time_s:
             return setpoint.times
-        end, left = start, 0.0  # of the motion that it replaces
+        end, left = start, 0.0  # end and remaining time of the motion that it replaces
         if self._motion is not None:
             end, left = self._motion.sample(self._motion.duration)[0], self._motion.duration - self._time
         rest = start + 0.5 * config.setpoint_time_s * speed
         joints = [model.joint_index(name) for name in setpoint.joint_names]
         step, way = (setpoint.positions[0] - q[joints] for q in (end, rest))
-        # After a lost or late setpoint the next one is farther away by what the joint moves meanwhile.
+        # After a lost or late setpoint, the distance to the next one includes the travel of the joint meanwhile.
         reach = self._limits.start_jump + min(self._time, config.setpoint_time_s) * np.abs(speed[joints])
         if left <= config.setpoint_time_s and (np.abs(step) <= reach).all():
             return np.array([config.setpoint_time_s])
@@ -178,7 +177,7 @@ class MotionPlayer:
         self._fade = self._config.stop_time_s if self._former.any() else 0.0
 
     def _with_former(self, sample: tuple[Vector, Vector, Vector]) -> tuple[Vector, Vector, Vector]:
-        """A sample with what is left of the velocity before the motion, within the joint limits."""
+        """Add the fading initial velocity to a sample, within the joint limits."""
         offset, velocity, acceleration = fade_out(self._former, self._time, self._fade)
         low = np.minimum(self._model.q_lower - sample[0], 0.0)
         high = np.maximum(self._model.q_upper - sample[0], 0.0)
@@ -190,7 +189,7 @@ class MotionPlayer:
         )
 
     def _stays_inside(self, motion: TrajectorySampler, start: Vector) -> bool:
-        """Whether the way to the first point, which the velocity before it bends, keeps the joint limits."""
+        """Whether the segment to the first point, with the initial velocity, keeps the joint limits."""
         if not len(motion.coefficients):
             return True
         q = _POWERS @ motion.coefficients[0]  # (8, nj)

@@ -1,4 +1,4 @@
-"""Turns joint positions into whole-body references for a robot whose soles stay where they are."""
+"""Converts joint positions into whole-body references for a robot with planted soles."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def posture_frames(model: RobotModel) -> TreeFrames:
-    """Left sole, right sole and torso, for ``posture_reference``."""
+    """Frames of left sole, right sole and torso, for ``posture_reference``."""
     return read_frames(model.pin, (*(foot.frame_id for foot in model.feet), model.frame_id("torso")))
 
 
@@ -20,10 +20,10 @@ def posture_frames(model: RobotModel) -> TreeFrames:
 def posture_reference(
     joints: Array, tree: KinematicTree, frames: TreeFrames, com: Array, base: Array, torso: Array
 ) -> None:
-    """CoM and orientations of a posture (nj,) [rad] in the anchor frame, half-way between its soles.
+    """Compute CoM and orientations of a posture (nj,) [rad] in the anchor frame, half-way between its soles.
 
-    With ``T_mid`` half-way between the soles, ``R_mid = R_L exp(log(R_L' R_R) / 2)``, seen from the base: ``com =
-    R_mid' (c - p_mid)`` (3,) [m], ``base = R_mid'``, ``torso = R_mid' R_T`` (3, 3).
+    The pose of the anchor in the base frame is the midpoint ``p_mid`` and ``R_mid = R_L exp(log(R_L' R_R) / 2)``. Out:
+    ``com = R_mid' (c - p_mid)`` (3,) [m], ``base = R_mid'`` (3, 3), ``torso = R_mid' R_T`` (3, 3).
     """
     count = joints.shape[0] + 1
     rotations, origins = np.zeros((count, 3, 3)), np.zeros((count, 3))

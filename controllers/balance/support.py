@@ -1,4 +1,4 @@
-"""The support polygon, convex hull of the soles' contact rectangles: projection onto it."""
+"""Projection onto the support polygon, the convex hull of the contact rectangles of the soles."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,9 @@ Array = NDArray[np.float64]
 
 @njit(cache=True)
 def edge_distance(hull: Array, count: int, x: float, y: float, margin: float, out: Array) -> float:
-    """Signed distance [m] to the hull of ``count`` vertices shrunk by a margin; negative inside.
+    """Signed distance [m] to a hull of ``count`` vertices that is shrunk by a margin; negative inside.
 
-    ``out`` (4,) is the nearest point of the shrunk hull's boundary, then the outward unit direction.
+    ``out`` (4,) is the nearest point of the boundary of the shrunk hull and the outward unit direction.
     """
     inside = True
     best = -1e30
@@ -32,7 +32,7 @@ def edge_distance(hull: Array, count: int, x: float, y: float, margin: float, ou
             inside = False
     if inside:
         return best
-    # Outside: the nearest point of the shrunk hull's edges.
+    # Outside: nearest point of the edges of the shrunk hull.
     nearest = 1e30
     px, py = out[0], out[1]
     shrunk = np.zeros((count, 2))
@@ -82,13 +82,13 @@ def cmp_command(
     momentum_reach_max: float,
     out: Array,
 ) -> float:
-    """Admissible CMP: the desired CMP inside the polygon, plus a reach beyond the edge when the DCM nears it.
+    """Admissible CMP: the desired CMP projected into the polygon, plus a reach beyond the edge if the DCM nears it.
 
-    Inside, ankles suffice and the CMP is a CoP, ``margin`` from the edge. A DCM that nears or passes the edge can only
-    be brought back by a CMP beyond it, which costs angular momentum: the reach grows by ``momentum_gain`` with the
-    DCM's depth past ``momentum_margin`` [m], or outside the middle fifth of a narrow polygon, where the nearest edge
-    changes and with it the direction. Writes the CMP (2,) and returns the capture margin: distance of the DCM inside
-    the edge [m].
+    Inside the polygon, the ankles suffice: the CMP is a CoP at least ``margin`` [m] from the edge. When the DCM nears
+    or passes the edge, only a CMP beyond the edge returns it, at the cost of angular momentum. The reach is
+    ``momentum_gain`` times the excess of the DCM over ``momentum_margin`` [m] before the edge, at most
+    ``momentum_reach_max`` [m]. The margin is at most 0.4 of the width of the polygon: in the middle fifth, the nearest
+    edge and thus the direction may change. Writes the CMP (2,) and returns the distance of the DCM inside the edge [m].
     """
     work = np.zeros(4)
     if edge_distance(hull, count, desired[0], desired[1], margin, work) > 0.0:

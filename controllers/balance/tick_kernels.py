@@ -1,4 +1,4 @@
-"""The balance law's parts of one tick, each as one compiled call."""
+"""Parts of one tick of the balance law, each compiled as one call."""
 
 from typing import NamedTuple
 
@@ -19,33 +19,33 @@ from planners.gait.footsteps import Place, Point, common_motion, point_at, rotat
 
 Array = NDArray[np.float64]
 
-_STANCE = 0.005  #: Displacement of each sole from the 'stand' stance up to which the legs are long enough [m]
+_STANCE = 0.005  #: Displacement of each sole from the 'stand' stance that does not lower the CoM [m]
 
 
 class BalanceArrays(NamedTuple):
-    """Memory of ``BalanceController``, and what it measures, as compiled code takes them; all in W."""
+    """Arrays and measurements of ``BalanceController`` for compiled code; in W unless stated otherwise."""
 
-    poses: Array  #: Measured poses of both soles, and of other frames (frames, 4, 4)
+    poses: Array  #: Measured poses of both soles and of other frames (frames, 4, 4)
     com: Array  #: Measured CoM (3,)
-    com_velocity: Array  #: Its velocity (3,)
+    com_velocity: Array  #: Measured velocity of the CoM (3,)
     tree: KinematicTree  #: See ``posture_reference``
     frames: TreeFrames  #: See ``posture_reference``
-    edges: Edges  #: Soles that stand on an edge
-    turning: NDArray[np.bool_]  #: Axes x and y about which each sole turns with its leg (2, 2)
-    corners: Array  #: Of the areas that bear, in the sole frames (2, 4, 3)
-    gains: Array  #: Of ``feedback_gains``, then the largest shift of the CMP [m] (8,)
-    rotations: Array  #: Of the footholds (2, 3, 3)
-    positions: Array  #: Of the footholds (2, 3)
+    edges: Edges  #: Free axes of soles that stand on an edge
+    turning: NDArray[np.bool_]  #: Whether each planted sole turns with its leg about x and about y (2, 2)
+    corners: Array  #: Corners of the support areas in the sole frames (2, 4, 3)
+    gains: Array  #: Gains of ``feedback_gains``, then the largest shift of the CMP [m] (8,)
+    rotations: Array  #: Rotations of the footholds (2, 3, 3)
+    positions: Array  #: Positions of the footholds (2, 3)
     seen: Array  #: x, y [m], heading [rad] and height [m] of the soles in the last tick (2, 4)
     anchor_rotation: Array  #: See ``_move_footholds`` (3, 3)
     anchor: Array  #: See ``_move_footholds`` (3,)
-    apart: Array  #: From the right to the left sole in 'stand', in the anchor frame (3,)
-    posture_com: Array  #: Of the last posture, in the anchor frame (3,)
-    posture_base: Array  #: Likewise (3, 3)
-    posture_torso: Array  #: Likewise (3, 3)
-    dcm: Array  #: Measured (2,)
-    cmp: Array  #: Commanded (2,)
-    acceleration: Array  #: Commanded, of the CoM (3,)
+    apart: Array  #: Vector from the right to the left sole in 'stand', in the anchor frame (3,)
+    posture_com: Array  #: CoM of the last posture, in the anchor frame (3,)
+    posture_base: Array  #: Base rotation of the last posture, in the anchor frame (3, 3)
+    posture_torso: Array  #: Torso rotation of the last posture, in the anchor frame (3, 3)
+    dcm: Array  #: Measured DCM (2,)
+    cmp: Array  #: Commanded CMP (2,)
+    acceleration: Array  #: Commanded acceleration of the CoM (3,)
 
 
 def feedback_gains(config: DcmFeedback, height: CoMGains) -> tuple[float, ...]:
@@ -68,12 +68,12 @@ def standing_reference(
     leg: float,
     reference: Array,
 ) -> None:
-    """Footholds, and the references that a posture (nj,) means on them.
+    """Update the footholds and compute the references of a posture (nj,) on them.
 
-    ``moving`` and ``fresh`` say whether the posture has changed and whether this is the first tick. Footholds follow
-    the soles that bear ``least_load`` [N], all soles where ``share``, as in ``_move_footholds``, is 1. Legs are no
-    longer than ``leg`` [m], as in 'stand', unless it is 0: the CoM is lower where the soles are farther apart. Out:
-    ``reference`` (9, 3), in W: CoM, its velocity, rotation of base and torso; then DCM and CoM height above the soles.
+    ``moving``: the posture has changed; ``fresh``: first tick. Footholds follow flat soles with a load above
+    ``least_load`` [N], all soles if ``share`` (see ``_move_footholds``) is 1. ``leg`` is the leg length in 'stand' [m]:
+    soles farther apart than in 'stand' lower the CoM; 0 disables this. Out: ``reference`` (9, 3), in W: CoM, its
+    velocity, rotations of base and torso; then DCM and CoM height above the soles.
     """
     arrays, velocity = balance.record, np.zeros(3)
     if moving:
@@ -103,7 +103,7 @@ def standing_reference(
 
 @register_jitable
 def _lies_flat(arrays: BalanceArrays, foot: int) -> bool:
-    """Whether a sole turns about no other axis than those about which it turns with its leg."""
+    """Whether a sole has no free axis except those in ``turning``."""
     return not (arrays.edges.free[foot] & ~arrays.turning[foot]).any()
 
 
@@ -120,7 +120,7 @@ def _note_soles(arrays: BalanceArrays) -> None:
 
 @njit(cache=True)
 def _drift(arrays: BalanceArrays, loads: Point) -> None:
-    """Move the footholds with the ``common_motion`` of the soles in W since the last tick, weighted by loads [N]."""
+    """Move the footholds by the ``common_motion`` of the soles in W since the last tick, weighted by loads [N]."""
     seen = arrays.seen
     before = (seen[0, 0], seen[0, 1], seen[0, 2], seen[0, 3]), (seen[1, 0], seen[1, 1], seen[1, 2], seen[1, 3])
     after = _place(arrays.poses[0]), _place(arrays.poses[1])
@@ -135,10 +135,10 @@ def _drift(arrays: BalanceArrays, loads: Point) -> None:
 
 @njit(cache=True)
 def _move_footholds(arrays: BalanceArrays, left: bool, right: bool, share: float) -> None:
-    """Move the footholds with their soles, and the anchor to their middle, level, at their mean heading.
+    """Move the footholds towards their soles, and the anchor to their midpoint, at their mean heading.
 
-    The anchor is level: a sole that tips on its edge under a push must not tilt the references.
-    ``share`` is the part of the way to move in this tick [-].
+    The anchor is level, since a sole that tips on its edge under a push must not tilt the references.
+    ``share`` is the fraction of the distance to move in this tick [-].
     """
     rotations, positions, anchor_rotation = arrays.rotations, arrays.positions, arrays.anchor_rotation
     if left:
@@ -160,7 +160,7 @@ def _move_footholds(arrays: BalanceArrays, left: bool, right: bool, share: float
 
 @njit(cache=True)
 def _place_reference(arrays: BalanceArrays, velocity: Array, out: Array) -> None:
-    """Write the posture's CoM, ``velocity`` (3,), base and torso rotations into the first 8 rows of ``out``, in W."""
+    """Write CoM, ``velocity`` (3,), base and torso rotations of the posture, in W, into the first 8 rows of ``out``."""
     turn = arrays.anchor_rotation
     out[:8] = 0.0
     for i in range(3):
@@ -176,7 +176,7 @@ def _place_reference(arrays: BalanceArrays, velocity: Array, out: Array) -> None
 
 @njit(cache=True)
 def _drop(arrays: BalanceArrays, leg: float) -> float:
-    """How much lower the CoM has to be for legs no longer than in 'stand', as the soles are farther apart [m]."""
+    """Descent of the CoM for soles farther apart than in 'stand', with legs no longer than in 'stand' [m]."""
     square = 0.0
     for axis in range(2):
         away = -arrays.apart[axis]
@@ -208,11 +208,11 @@ def feedback_tick(
     Writes, in W, the measured DCM ``dcm`` (2,) [m], the admissible CMP ``cmp`` (2,) [m] and the CoM acceleration
     ``acceleration`` (3,) [m/s^2] of the record.
 
-    ``left`` and ``right`` are the feet planned to bear load, both where neither is. ``rise`` is the vertical
-    acceleration of the CoM reference [m/s^2], which the force at the CMP provides, too. With ``led``, ``dcm`` and
-    ``dcm_velocity`` (2,) replace the horizontal part of the CoM reference. ``shift`` is that of the CMP by the planned
-    reaction of the swing leg (2,) [m]; ``momentum`` is the share of the largest reach beyond the edge [-]. ``levels``
-    are as in ``Reference``: the pendulum's ``omega`` counts from the ground under the CoM, its force from the ZMP.
+    ``left`` and ``right`` are true for feet planned to bear load; both count if neither is. ``rise`` is the vertical
+    acceleration of the CoM reference [m/s^2], included in the force at the CMP. With ``led``, ``dcm`` and
+    ``dcm_velocity`` (2,) replace the horizontal part of the CoM reference. ``shift`` is the shift of the CMP by the
+    planned reaction of the swing leg (2,) [m]; ``momentum`` is the share of the largest reach beyond the edge [-].
+    ``levels`` are as in ``Reference``: ``omega`` uses the height above the ground, the force the height above the ZMP.
     """
     arrays = balance.record
     measured, gains = arrays.com, arrays.gains
@@ -222,7 +222,7 @@ def feedback_tick(
     else:
         stance = 0 if left else 1
         ground = sole_positions[stance, 2]
-        # Where the stance sole would be for the CMP to be inside it just when the CoP is inside the real one.
+        # Shift the stance sole, so that the CMP is inside the shifted sole if the CoP is inside the real one.
         reach = gains[7]
         for i in range(2):
             soles[stance, i, 3] += min(max(shift[i], -reach), reach)
@@ -230,7 +230,7 @@ def feedback_tick(
     height = max(measured[2] - ground - levels[0], COM_HEIGHT_MIN)
     omega, over = np.sqrt(GRAVITY / height), height / max(measured[2] - ground - levels[1], COM_HEIGHT_MIN)
     position, velocity = com.copy(), com_velocity.copy()
-    if led:  # the CoM reference that has this DCM and drift
+    if led:  # CoM reference with this DCM and its velocity
         for i in range(2):
             velocity[i] = dcm_velocity[i]
             position[i] = dcm[i] - velocity[i] / omega
@@ -261,7 +261,7 @@ def feedback_tick(
 
 @njit(cache=True)
 def blend_rotations(first: Array, second: Array, share: float, out: Array) -> None:
-    """Rotations a share of the way from one set to another, along the shortest turns (n, 3, 3)."""
+    """Interpolate rotations (n, 3, 3) by a share from ``first`` to ``second``, along the shortest rotation."""
     pose, unused = np.eye(4), np.zeros(3)
     for k in range(first.shape[0]):
         out[k] = first[k]
@@ -273,7 +273,7 @@ def blend_rotations(first: Array, second: Array, share: float, out: Array) -> No
 def blend_postures(
     free: NDArray[np.bool_], share: float, first: tuple[Array, ...], second: tuple[Array, ...], blended: Array
 ) -> None:
-    """Fill posture, velocity and acceleration (3, nj) a share of the way from one to another; the first of ``free``."""
+    """Interpolate posture, velocity and acceleration (3, nj) between two; ``free`` joints take the first."""
     for j in range(free.shape[0]):
         weight = 0.0 if free[j] else share
         blended[0, j] = first[0][j] + weight * (second[0][j] - first[0][j])

@@ -1,4 +1,4 @@
-"""Gains of standing that change at run time, without a step of the command."""
+"""Changes gains of standing at run time, without a step of the command."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -10,8 +10,8 @@ from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
 from models.errors import CommandError
 from models.types import Vector
 
-RAMP_TIME = 0.5  #: Time in which a gain goes over to its new value [s]
-FACTOR = 2.0  #: A gain may be changed to between this part and this multiple of what it was configured to [-]
+RAMP_TIME = 0.5  #: Time in which a gain moves to its new value [s]
+FACTOR = 2.0  #: Largest ratio of a gain to its configured value, and of the configured value to the gain [-]
 DCM_GAIN, HEIGHT_KP, HEIGHT_KD = 0, 5, 6  #: Indices of the gains of the DCM feedback
 
 
@@ -41,7 +41,7 @@ def _knobs() -> Iterator[tuple[str, Callable[[BalanceController], Vector]]]:
 
 _KNOBS = dict(_knobs())
 
-#: Names of the gains: as in ``balance.yaml`` and ``whole_body.yaml``, with the name of the file before them
+#: Names of the gains, as in ``balance.yaml`` and ``whole_body.yaml``, prefixed by the name of the file
 TUNABLE = tuple(_KNOBS)
 
 
@@ -55,7 +55,7 @@ def configured(name: str, balance: BalanceConfig, whole_body: WholeBodyConfig) -
 
 
 class Tuning:
-    """Moves gains of standing, within ``ranges``, linearly to their targets in ``RAMP_TIME``; zero ones stay so."""
+    """Moves gains of standing linearly to targets within ``ranges`` in ``RAMP_TIME``; gains of zero stay zero."""
 
     def __init__(self, law: BalanceController) -> None:
         self._values: dict[str, float] = {}
@@ -75,11 +75,11 @@ class Tuning:
         return bool(self._moves)
 
     def value(self, name: str) -> float:
-        """Present value of a gain."""
+        """Current value of a gain."""
         return self._values[name]
 
     def set(self, name: str, target: float) -> None:
-        """Set the target of a gain from the next tick on; ``CommandError`` for an unknown or out-of-range one."""
+        """Set the target of a gain; ``CommandError`` for an unknown name or a value out of range."""
         if name not in self.ranges:
             raise CommandError(f"unknown gain '{name}'; known: {', '.join(TUNABLE)}")
         low, high = self.ranges[name]

@@ -20,15 +20,15 @@ def free_joints(model: RobotModel) -> NDArray[np.bool_]:
 
 
 class UpperBodyMotion:
-    r"""Blends a motion's arms and head into a posture and out of it again; the rest of the motion is ignored.
+    r"""Blends arms and head of a motion into and out of a posture; the rest of the motion is ignored.
 
     .. math::
         q = q_{ref} + w (q_m - q_{ref}), \quad w = s(\min(t, T - t) / T_f), \quad s(u) = u^3 (6 u^2 - 15 u + 10)
 
-    with its first two derivatives, so that velocity and acceleration have no step where the walk swings its arms. What
-    a motion that is replaced or released adds to the posture fades out within the time of the blend.
+    with the first two derivatives of q, so that velocity and acceleration have no step while the walk swings the arms.
+    When a motion is replaced or released, its contribution to the posture fades out within the time of the blend.
 
-    ``free`` are the joints of arms and head (nj,).
+    ``free`` marks the joints of arms and head (nj,).
     """
 
     def __init__(self, model: RobotModel, fade: float) -> None:
@@ -42,15 +42,15 @@ class UpperBodyMotion:
         return self._motion is not None
 
     def drop(self) -> None:
-        """Forget the motion at once, and what it adds to the posture."""
+        """Discard the motion and its contribution to the posture at once."""
         self._motion: TrajectorySampler | None = None
         self._t = self._end = self._fade = 0.0
-        self._added = np.zeros((3, self._model.nj))  # to posture, velocity and acceleration
-        self._former = self._added  # by the motion before, at its end
+        self._added = np.zeros((3, self._model.nj))  # contribution to posture, velocity and acceleration
+        self._former = self._added  # contribution of the previous motion at its end
         self._since = self._fade_time  # time since that end [s]
 
     def release(self) -> None:
-        """Forget the motion at once; what it adds to the posture fades out."""
+        """Discard the motion at once; its contribution to the posture fades out."""
         if not self._idle:
             self._motion, self._former, self._since = None, self._added, 0.0
 
@@ -60,7 +60,7 @@ class UpperBodyMotion:
         return self._motion is None and self._since >= self._fade_time
 
     def follow(self, trajectory: JointTrajectory, posture: Vector) -> None:
-        """Start a motion that was planned from a posture (nj,) [rad]; errors as of ``validate_trajectory``."""
+        """Start a motion planned from a posture (nj,) [rad]. Raises as ``validate_trajectory`` does."""
         validate_trajectory(trajectory, self._model, start_q=posture)
         self.release()
         self._motion = TrajectorySampler(trajectory, self._model, posture)
@@ -68,11 +68,11 @@ class UpperBodyMotion:
         self._fade = min(self._fade_time, 0.5 * self._end)
 
     def stop(self) -> None:
-        """Return to the walk's posture within the time of the blend; one that has just begun is blended in first."""
+        """Return to the walk's posture within the time of the blend, after the motion has been blended in."""
         self._end = min(self._end, max(self._t, self._fade) + self._fade)
 
     def step(self, posture: Vector, velocity: Vector, acceleration: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
-        """The posture, its rate and the rate of that with the motion in them, a tick of so many seconds later."""
+        """Return posture, velocity and acceleration with the motion blended in, ``dt`` [s] after the last tick."""
         if self._idle:
             return posture, velocity, acceleration
         self._t += dt
@@ -90,7 +90,7 @@ class UpperBodyMotion:
         return posture + added[0], velocity + added[1], acceleration + added[2]
 
     def _blended(self, motion: TrajectorySampler, posture: Vector, velocity: Vector, acceleration: Vector) -> Matrix:
-        """What the motion adds to posture, velocity and acceleration (3, nj)."""
+        """Contribution of the motion to posture, velocity and acceleration (3, nj)."""
         left = self._end - self._t
         u, sign = (left / self._fade, -1.0) if left < self._t else (self._t / self._fade, 1.0)
         weight, rate, bend = min_jerk(min(u, 1.0))
