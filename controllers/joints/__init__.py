@@ -1,1 +1,1 @@
-"""Joint drives: servo, torque limits."""
+"""Joint servo, motor drivers and torque limits."""

@@ -1,4 +1,4 @@
-"""Joint servo: the law of the joint drivers, between a setpoint and the command of each drive."""
+"""Joint servo: the law of the joint drivers, which computes the command of each drive from a setpoint."""
 
 from enum import Enum
 from math import inf
@@ -21,12 +21,12 @@ from models.types import JointCommand, JointTrajectory, Matrix, Vector
 class JointServoConfig:
     """Schema of ``controllers/config/joint_servo.yaml``."""
 
-    command_timeout: Positive  #: age of a setpoint at which the driver damps [s]
-    arming_blend: NonNegative  #: fade-in of the first setpoints after arming [s]
-    damped_ramp: NonNegative  #: fade of the last torque into damping [s]
-    damping_scale: NonNegative  #: damping of the fallback in multiples of kd [1]
-    position_margin: Positive  #: from a joint limit, where torque fades [rad]
-    velocity_margin: Positive  #: share beyond the speed limit, to no torque [1]
+    command_timeout: Positive  #: age of a setpoint above which the driver damps [s]
+    arming_blend: NonNegative  #: duration of the fade-in of the first setpoints after arming [s]
+    damped_ramp: NonNegative  #: duration of the fade from the last torque to damping [s]
+    damping_scale: NonNegative  #: damping of the fallback as a multiple of kd [1]
+    position_margin: Positive  #: distance from a joint limit within which torque towards it fades [rad]
+    velocity_margin: Positive  #: range beyond the velocity limit in which torque fades to zero, share of the limit [1]
 
 
 class ServoState(Enum):
@@ -38,22 +38,22 @@ class ServoState(Enum):
 
 
 class JointServo:
-    """Joint PD with feed-forward and every protection of a motor driver.
+    """Joint PD law with feed-forward and the protections of a motor driver.
 
-    tau = kp (q_d - q) + kd (v_d - v) + tau_d, where (q_d, v_d, tau_d, kp, kd) (5, nj) is the last accepted setpoint,
-    held until the next, or the sample of the trajectory being executed; the gains are those of the profile where the
-    setpoint has none. tau (nj,) [N.m] then passes the limits of ``controllers/joints/torque_limiter.py``.
+    tau = kp (q_d - q) + kd (v_d - v) + tau_d, where (q_d, v_d, tau_d, kp, kd) (5, nj) is the last accepted setpoint or
+    the current sample of a trajectory. A setpoint without gains uses the gains of the profile. tau (nj,) [N.m] is then
+    limited as in ``controllers/joints/torque_limiter.py``.
 
-    ``step`` returns the target of the drives: the setpoint with its gains, evaluated by the drive at its own rate.
+    ``step`` returns the command of the drives: the setpoint with its gains, which the drives evaluate at their rate.
     A joint whose torque is limited gets the limited torque alone, with zero gains. With ``keep_gains``, gains and
-    feed-forward are reduced by the same share instead, unless the torque rate holds the torque beyond the desired one
-    or on the other side of zero: a drive that gets no further command then still tracks its setpoint, damped.
+    feed-forward are reduced by the same factor instead, unless the torque-rate limit keeps the torque beyond the
+    desired one or at the opposite sign. A drive without further commands then still tracks its setpoint, with damping.
 
-    After ``arm`` the setpoints are faded in from the measured posture with s = 3 u^2 - 2 u^3, after ``blend`` from the
-    setpoint in force, so nothing jumps; gains take effect at once. A setpoint that is not finite, of the wrong size
-    or with a negative gain is refused, counted, and the previous one kept. When no setpoint was accepted for
-    ``command_timeout`` (after the end of a trajectory), the driver damps: tau fades from its last value to
-    -damping_scale kd v. That state holds until ``arm``.
+    After ``arm``, setpoints are faded in from the measured posture with s = 3 u^2 - 2 u^3; after ``blend``, from the
+    setpoint in force. Gains take effect at once. A setpoint that is not finite, has the wrong size or a negative gain
+    is refused and counted, and the previous one is kept. If no setpoint is accepted for ``command_timeout``, counted
+    from the end of a trajectory, the driver damps: tau fades from its last value to -damping_scale kd v. It damps until
+    ``arm``.
 
     Assumptions:
         ``step`` is called at the rate of the drivers with times that do not decrease.
@@ -62,9 +62,9 @@ class JointServo:
     def __init__(self, model: RobotModel, config: JointServoConfig | None = None, *, keep_gains: bool = False) -> None:
         self.config = config or default_config(JointServoConfig, "controllers", "joint_servo")
         self.state = ServoState.OFF  #: State of the drivers
-        self.refused = 0  #: Setpoints refused because they were not finite, of the wrong size or had a negative gain
-        self.timeouts = 0  #: Times that the driver damped because no setpoint came
-        self.silence = 0.0  #: From the last setpoint to the newest of these times [s]
+        self.refused = 0  #: Number of refused setpoints and trajectories
+        self.timeouts = 0  #: Number of times that the driver damped because no setpoint arrived
+        self.silence = 0.0  #: Time from the last setpoint to the newest timeout [s]
         self.model = model
         self._keep_gains = keep_gains
         nj = model.nj
@@ -73,7 +73,7 @@ class JointServo:
         self._high = np.array([model.q_upper, model.v_max, model.tau_max])  # (3, nj)
         self._low = np.array([model.q_lower, -model.v_max, -model.tau_max])  # (3, nj)
         self._limits = torque_limits(model, self.config.position_margin, self.config.velocity_margin)
-        self.sensor_faults = 0  #: Steps with a measurement that was not finite
+        self.sensor_faults = 0  #: Number of steps with a measurement or torque that was not finite
         # Rows of a setpoint: q, v, tau, kp, kd
         self._setpoint, self._faded = np.zeros((2, 5, nj))
         self._setpoint[3:] = self._gains
@@ -89,7 +89,7 @@ class JointServo:
         self._last_command = 0.0
         self._deadline = inf
         self._fault_time: float | None = None
-        # Compiles the kernels now: the loop itself never waits for a compiler.
+        # Compile the kernels now, so that no tick waits for the compiler.
         q, v, tau, kp, kd = self._drive
         _accept(q, v, tau, kp, kd, self._low, self._high, self._faded)
         drive_torque(model, self._command, q, v)
@@ -97,7 +97,7 @@ class JointServo:
 
     @property
     def torque(self) -> Vector:
-        """Torques that the command of the last step gives at the state measured then (nj,) [N.m]."""
+        """Torques of the last command at the state measured in that step (nj,) [N.m]."""
         return self._limits.tau
 
     @property
@@ -111,7 +111,7 @@ class JointServo:
         return self._first_command is not None
 
     def arm(self) -> None:
-        """Accept commands from now on; clears a latched fault. The first setpoints are faded in."""
+        """Accept commands, clear a latched fault and fade in the first setpoints."""
         self.state = ServoState.ACTIVE
         self._setpoint[3:] = self._gains
         self._measured_once = self._fading = False
@@ -119,7 +119,7 @@ class JointServo:
         self._deadline = inf
 
     def blend(self) -> None:
-        """Fade in the first setpoints of another source; like ``arm`` when inactive or without measurements."""
+        """Fade in the first setpoints of another source; equals ``arm`` when inactive or without measurements."""
         if self.state is not ServoState.ACTIVE or not self._measured_once:
             self.arm()
             return
@@ -128,18 +128,18 @@ class JointServo:
         self._deadline = inf
 
     def damp(self) -> None:
-        """Go to damping and stay there until ``arm``."""
+        """Damp until ``arm``."""
         if self.state is not ServoState.DAMPED:
             self.state = ServoState.DAMPED
             self._tau_at_fault[:] = self._limits.tau
             self._fault_time = None
 
     def off(self) -> None:
-        """Take the torque away (at the torque-rate limit) and ignore commands until ``arm``."""
+        """Reduce the torque to zero at the torque-rate limit, and ignore commands until ``arm``."""
         self.state = ServoState.OFF
 
     def command(self, cmd: JointCommand | JointTrajectory, t: float) -> bool:
-        """Accept a setpoint, clipped to the limits, or a trajectory, at ``t`` [s]; whether it is in force."""
+        """Accept a trajectory, or a setpoint, clipped to the limits, at ``t`` [s]; returns whether it is in force."""
         if isinstance(cmd, JointTrajectory):
             return self.command_trajectory(cmd, t)
         if self.state is not ServoState.ACTIVE:
@@ -158,9 +158,9 @@ class JointServo:
         return True
 
     def command_trajectory(self, traj: JointTrajectory, t: float) -> bool:
-        """Execute a trajectory from ``t`` [s] on, from the setpoint in force; False unless active with measured joints.
+        """Execute a trajectory from ``t`` [s], from the setpoint in force; False if inactive or without measurements.
 
-        Joints that it does not name hold theirs. Raises ``JointNameError`` or ``TrajectoryError`` as
+        Other joints hold their setpoints. Raises ``JointNameError`` or ``TrajectoryError`` as
         ``validate_trajectory`` does; the previous setpoint then stays in force.
         """
         if self.state is not ServoState.ACTIVE or not self._measured_once:
@@ -181,18 +181,21 @@ class JointServo:
         return True
 
     def overdue(self, t: float) -> bool:
-        """Whether ``step`` at this time [s] would damp because no setpoint came."""
+        """Whether ``step`` at ``t`` [s] would damp because no setpoint arrived."""
         return self.state is ServoState.ACTIVE and t > self._deadline
 
     def _restart_timeout(self, t: float, valid_until: float) -> None:
-        """Restart the timeout at the arrival of a setpoint that is valid until a time [s]."""
+        """Restart the timeout when a setpoint arrives at ``t`` [s] that is valid until a time [s]."""
         if self._first_command is None:
             self._first_command = t
         self._last_command = t
         self._deadline = valid_until + self.config.command_timeout
 
     def step(self, t: float, q: Vector, v: Vector, dt: float) -> JointCommand:
-        """Command of the drives at ``t``, ``dt`` [s] after the last, from measured joints (nj,); overwritten later."""
+        """Command of the drives at ``t``, ``dt`` [s] after the last; the next step overwrites it.
+
+        ``q`` [rad] and ``v`` [rad/s] are measured (nj,).
+        """
         if self.overdue(t):
             self.timeouts += 1
             self.silence = t - self._last_command
@@ -248,17 +251,17 @@ class JointServo:
 
 
 def damping_command(model: RobotModel) -> JointCommand:
-    """Damping alone, the end of every fade after a fault: tau = -damping_scale kd v."""
+    """Damping alone, tau = -damping_scale kd v: the command after a fault."""
     zero = np.zeros(model.nj)
     config = default_config(JointServoConfig, "controllers", "joint_servo")
     return JointCommand(zero, zero, zero, zero, config.damping_scale * model.kd)
 
 
 def mean_command(model: RobotModel, first: JointCommand, second: JointCommand, share: float) -> JointCommand:
-    """The command whose torque is (1 - share) that of the first plus share that of the second, at any state.
+    """Command with the torque ``(1 - share) tau_1 + share tau_2`` of two commands at every state.
 
-    The torque of the mean is linear in q and v: its gains are the means of the gains, its position and velocity those
-    of the second command, and the remainder is torque.
+    Its gains are the weighted means of the gains. Its position and velocity are those of the second command, and its
+    feed-forward is the remainder.
     """
     (q, v, tau, kp, kd), (to_q, to_v, to_tau, to_kp, to_kd) = _rows(model, first), _rows(model, second)
     rest = tau + kp * (q - to_q) + kd * (v - to_v)
@@ -267,26 +270,26 @@ def mean_command(model: RobotModel, first: JointCommand, second: JointCommand, s
 
 
 def fade_to_damping(model: RobotModel, last: JointCommand, elapsed: float) -> JointCommand:
-    """Command at a time [s] after a fault: the torque of the ``last`` one fades into damping over ``damped_ramp``."""
+    """Command at a time [s] after a fault: the torque of the ``last`` command fades to damping over ``damped_ramp``."""
     ramp = default_config(JointServoConfig, "controllers", "joint_servo").damped_ramp
     return mean_command(model, last, damping_command(model), elapsed / ramp if elapsed < ramp else 1.0)
 
 
 def _rows(model: RobotModel, command: JointCommand) -> tuple[Vector, Vector, Vector, Vector, Vector]:
-    """q, v, tau, kp and kd of a command (nj,), the gains of the profile where it has none."""
+    """q, v, tau, kp and kd of a command (nj,), with the gains of the profile by default."""
     kp = model.kp if command.kp is None else command.kp
     return command.q, command.v, command.tau, kp, model.kd if command.kd is None else command.kd
 
 
 def drive_torque(model: RobotModel, command: JointCommand, q: Vector, v: Vector) -> Vector:
-    """The law of the drives (nj,); zero where a measurement that a gain acts on is not finite."""
+    """Torques of the drives (nj,) [N.m]; zero where they are not finite, as for a measurement that is not finite."""
     tau = np.empty(len(q))
     _finite_pd(*_rows(model, command), q, v, tau)
     return tau
 
 
 def bounded_command(model: RobotModel, command: JointCommand, q: Vector, v: Vector, share: float) -> JointCommand:
-    """A command whose gains and feed-forward are reduced where its torque is beyond a ``share`` of the limits."""
+    """Reduce gains and feed-forward of the joints whose torque exceeds a ``share`` of the limits."""
     torque, bound = np.abs(drive_torque(model, command, q, v)), share * model.tau_max
     if not (torque > bound).any():
         return command
@@ -299,7 +302,7 @@ def bounded_command(model: RobotModel, command: JointCommand, q: Vector, v: Vect
 def _accept(
     q: Vector, v: Vector, tau: Vector, kp: Vector, kd: Vector, low: Matrix, high: Matrix, setpoint: Matrix
 ) -> bool:
-    """Put a new setpoint (5, nj) in force, q, v and tau clipped to ``low``, ``high`` (3, nj); False when invalid."""
+    """Write a new setpoint (5, nj), with q, v and tau clipped to ``low``, ``high`` (3, nj); False when invalid."""
     for j in range(q.shape[0]):
         if not (np.isfinite(q[j]) and np.isfinite(v[j]) and np.isfinite(tau[j])):
             return False
@@ -317,7 +320,7 @@ def _accept(
 def _pd(
     desired_q: Vector, desired_v: Vector, feedforward: Vector, kp: Vector, kd: Vector, q: Vector, v: Vector, tau: Vector
 ) -> None:
-    """Torques of PD and feed-forward about a setpoint; all (nj,)."""
+    """Torques of PD and feed-forward at a setpoint; all (nj,)."""
     for j in range(tau.shape[0]):
         tau[j] = feedforward[j]
         if kp[j] != 0.0 or kd[j] != 0.0:
@@ -328,7 +331,7 @@ def _pd(
 def _finite_pd(
     desired_q: Vector, desired_v: Vector, feedforward: Vector, kp: Vector, kd: Vector, q: Vector, v: Vector, tau: Vector
 ) -> None:
-    """As ``_pd``, zero where the torque is not finite."""
+    """Torques as by ``_pd``; zero where not finite."""
     _pd(desired_q, desired_v, feedforward, kp, kd, q, v, tau)
     for j in range(tau.shape[0]):
         if not np.isfinite(tau[j]):
@@ -345,10 +348,7 @@ class _Memory(NamedTuple):
 
 @njit(cache=True)
 def _limit(setpoint: Matrix, q: Vector, v: Vector, dt: float, keep_gains: bool, servo: Unboxed[_Memory]) -> bool:
-    """Command of the drives: the setpoint (5, nj) where its torque is not limited, else as ``JointServo`` says.
-
-    Returns whether all values were finite.
-    """
+    """Command of the drives for a setpoint (5, nj), limited as in ``JointServo``; returns whether all was finite."""
     limits, desired, drive = servo.record
     _pd(setpoint[0], setpoint[1], setpoint[2], setpoint[3], setpoint[4], q, v, desired)
     finite = limit_torques(desired, q, v, dt, limits)

@@ -1,4 +1,4 @@
-"""Motor drivers: which modes and commands they accept, and ``JointServo`` on the clock of joint samples."""
+"""Motor drivers: validation of modes and commands, and ``JointServo`` on the clock of the joint samples."""
 
 from collections import Counter
 
@@ -13,13 +13,13 @@ from models.errors import CommandError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory, Mode, Vector
 
-TOO_OLD = "commands too old"  #: Counter of commands whose sensors are older than ``command_age_max``
+TOO_OLD = "commands too old"  #: Counter of commands from sensor samples older than ``command_age_max``
 
 
 def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:
-    """Arm, damp or switch off the drivers by a change of mode; ``CommandError`` for off while they are active.
+    """Arm, damp or switch off the drivers when the mode changes; ``CommandError`` for ``off`` while they are active.
 
-    Drivers that damped because of a fault are armed only by a change from a mode without motion to one with motion.
+    Only a change from an inactive to an active mode arms the drivers, also after a fault.
     """
     if mode is Mode.OFF and servo.state is ServoState.ACTIVE:
         raise CommandError("mode 'off' refused: the robot would drop; 'damp' comes first")
@@ -33,10 +33,10 @@ def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:
 
 
 def check_stamp(stamp: int, last: int, now: int, age_max: int, counters: Counter[str]) -> None:
-    """Check a command's stamp, that of the sensors it answers (0: now), against the last one and the newest [ns].
+    """Check the stamp of a command, which is the stamp of its sensor sample (0: now).
 
-    ``counters`` counts commands older than ``age_max``. Raises ``MessageError`` for a stamp that is not newer than the
-    last command's, not yet due, or too old.
+    ``last`` is the stamp of the last command, ``now`` of the newest sample; all in [ns]. ``counters`` counts commands
+    older than ``age_max``. Raises ``MessageError`` when ``stamp`` is not after ``last``, after ``now``, or too old.
     """
     if stamp and not last < stamp <= now:
         raise MessageError(f"header.stamp: {stamp} ns is not after {last} ns or not yet due")
@@ -49,20 +49,20 @@ def check_stamp(stamp: int, last: int, now: int, age_max: int, counters: Counter
 class MotorDriverConfig:
     """Schema of ``controllers/config/motor_driver.yaml``."""
 
-    command_age_max: Positive  #: age of the sensors a command answers above which it is refused [s]
+    command_age_max: Positive  #: age of the sensor sample of a command above which the command is refused [s]
     gap_max: Positive  #: largest step of the joints' stamp accepted at once [s]
-    step_max: Positive  #: step that the torque rate is counted over at most, after lost samples [s]
-    sensor_timeout: Positive  #: silence of the joints after which it damps [s]
+    step_max: Positive  #: longest time step of the torque-rate limit, for use after lost samples [s]
+    sensor_timeout: Positive  #: time without joint samples after which the driver damps [s]
 
 
 class MotorDriver:
     """``JointServo`` on the clock of the joint samples, with validation of the commands.
 
-    Each joint sample gives one vector of torques. A command is validated by the stamp of the sensors that it answers,
-    its limits and, for a trajectory, its start. No torque steps by more than the drives' rate times ``step_max``,
-    whatever the command and however many samples were lost.
+    Each joint sample yields one vector of torques. A command is validated by the stamp of its sensor sample, its limits
+    and, for a trajectory, its start. No torque changes by more than the torque rate times ``step_max`` per sample, for
+    any command and any number of lost samples.
 
-    A mode with motion that was there before the drivers does not arm them: the start of a process must not move motors.
+    An active mode before the start of the drivers does not arm them, since the start of a process must not move motors.
     ``counters`` counts gaps, silences and commands that are too old; ``servo`` is the law of the drivers.
     """
 
@@ -78,7 +78,7 @@ class MotorDriver:
         self._last_command = 0
 
     def set_mode(self, mode: Mode) -> None:
-        """Apply the supervisor's mode; ``CommandError`` for off while active, and for motion as the first mode."""
+        """Apply the supervisor's mode; ``CommandError`` for ``off`` while active, and for an active first mode."""
         before = self._mode
         if before is None and mode in ACTIVE_MODES:
             self._mode = mode
@@ -87,7 +87,7 @@ class MotorDriver:
         self._mode = mode
 
     def sample(self, stamp: int, q: Vector, v: Vector) -> Vector:
-        """Torques (nj,) [N.m] for joints (nj,) measured at a stamp [ns]; ``MessageError`` for an unusable stamp."""
+        """Torques (nj,) [N.m] for joints (nj,) measured at a stamp [ns]; ``MessageError`` for an invalid stamp."""
         step = self._stamps.step(stamp)
         if step > self._gap_max:
             self._counters["gaps bridged"] += 1
@@ -95,7 +95,7 @@ class MotorDriver:
         return self.servo.torque
 
     def command(self, stamp: int, command: JointCommand | JointTrajectory) -> bool:
-        """Accept a command computed from the sensors of a stamp [ns], 0 for now; whether it is in force."""
+        """Accept a command for the sensor sample of a stamp [ns], 0 for now; returns whether it is in force."""
         now = self._stamps.last
         if now is None:
             return False
@@ -106,7 +106,7 @@ class MotorDriver:
         return accepted
 
     def damp_on_silence(self) -> bool:
-        """Damp because no joint sample came for ``sensor_timeout``; returns whether the servo was active."""
+        """Damp when no joint sample arrived for ``sensor_timeout``; returns whether the servo was active."""
         if self.servo.state is not ServoState.ACTIVE:
             return False
         self._counters["joint silences"] += 1

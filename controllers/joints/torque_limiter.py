@@ -1,4 +1,4 @@
-"""Last guard between a law and the motors: torque, joint range, speed and torque-rate limits."""
+"""Limits of torque, joint position, velocity and torque rate, applied to the output of every law."""
 
 from typing import NamedTuple
 
@@ -12,16 +12,16 @@ from models.types import Matrix, Vector
 class TorqueLimits(NamedTuple):
     """Constants and output of ``limit_torques``."""
 
-    high: Matrix  # position and velocity at which no torque acts upwards (2, nj)
-    low: Matrix  # likewise downwards (2, nj)
-    fade: Matrix  # inverse of the way before them over which torque fades (2, nj)
+    high: Matrix  # position and velocity at which positive torque is zero (2, nj)
+    low: Matrix  # position and velocity at which negative torque is zero (2, nj)
+    fade: Matrix  # inverse of the distances before them over which torque fades (2, nj)
     most: Vector  # tau_max (nj,) [N.m]
     rate: Vector  # tau_rate_max (nj,) [N.m/s]
     tau: Vector  # limited torques (nj,) [N.m]
 
 
 def torque_limits(model: RobotModel, position_margin: float, velocity_margin: float) -> TorqueLimits:
-    """Limits of a robot; torque fades over the margins in [rad] and as a share of the velocity limit."""
+    """Limits of a robot; torque fades over ``position_margin`` [rad] and ``velocity_margin``, share of the limit."""
     nj, fastest = model.nj, (1.0 + velocity_margin) * model.v_max
     high, low = np.array([model.q_upper, fastest]), np.array([model.q_lower, -fastest])
     fade = np.array([np.full(nj, 1.0 / position_margin), 1.0 / (velocity_margin * model.v_max)])
@@ -30,14 +30,14 @@ def torque_limits(model: RobotModel, position_margin: float, velocity_margin: fl
 
 @njit(cache=True)
 def limit_torques(desired: Vector, q: Vector, v: Vector, dt: float, limits: TorqueLimits) -> bool:
-    """Limit desired torques (nj,) to what motors and joints bear; returns whether all values were finite.
+    """Limit desired torques (nj,) by the limits of motors and joints; returns whether all values were finite.
 
-    In this order, tau is
+    In this order:
 
-    - limited to tau_max; torque towards a joint limit fades out over the position margin before it, torque that speeds
-      a joint up further fades out over the velocity margin beyond its velocity limit;
-    - zero at a joint whose measurement, or whose desired torque, is not finite;
-    - limited to a change of tau_rate_max dt since the last call.
+    - tau is limited to tau_max. Torque towards a joint limit fades out over the position margin before the limit.
+      Accelerating torque fades out over the velocity margin beyond the velocity limit.
+    - The target is zero if the measurement or the desired torque is not finite.
+    - The change since the last call is limited to tau_rate_max dt.
     """
     high, low, fade, most, rate, tau = limits
     finite = True

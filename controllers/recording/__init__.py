@@ -1,1 +1,1 @@
-"""Black box of the control stack."""
+"""Black-box recorder of the control stack."""

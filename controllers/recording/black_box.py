@@ -1,7 +1,7 @@
-"""Black box: the last seconds of all signals of the control process, in a ring that is filled at every tick.
+"""Black box: ring buffer of the signals of the control process over the last seconds, written at every tick.
 
-``add`` copies one tick into arrays whose pages were touched before: no allocation, no I/O, some 7 us. While
-``sealed``, after a fault, ``add`` does nothing and ``record`` may run in another thread: they never touch the same row.
+``add`` copies one tick into arrays whose pages are already mapped, without allocation or I/O, in about 7 us. While
+``sealed``, after a fault, ``add`` does nothing, so ``record`` may run in another thread.
 """
 
 import json
@@ -23,22 +23,22 @@ from models.law_state import Captured, LawState, describe
 from models.robot_model import RobotModel
 from models.types import ControlResult, Mode, RobotState, SensorData, SolveStatus
 
-CHECKPOINT_PERIOD = 4.0  #: Time between two checkpoints [s]: one takes as long as half a tick
+CHECKPOINT_PERIOD = 4.0  #: Time between two checkpoints [s]; a checkpoint takes about half a tick
 
 
 @dataclass(slots=True)
 class Checkpoint:
-    """The stack after a tick."""
+    """State of the stack after a tick."""
 
     stamp: int  # of the tick [ns]
-    row: int  # number of its row in the black box
-    memory: StackSnapshot  # of the stack
-    in_force: dict[str, tuple[object, ...]]  # inputs that held
+    row: int  # number of the tick in the black box
+    memory: StackSnapshot  # state of the stack without its stages
+    in_force: dict[str, tuple[object, ...]]  # inputs in force
     stages: dict[str, tuple[LawState, Captured]]  # state of each stage
 
 
 class Checkpoints:
-    """A ring of copies of the state of a stack over a ``duration`` [s], taken after a tick, the oldest first."""
+    """Ring buffer of checkpoints of a stack over a ``duration`` [s], oldest first."""
 
     def __init__(self, stack: ControlStack, log: InputLog, duration: float) -> None:
         self._stack, self._log = stack, log
@@ -49,19 +49,19 @@ class Checkpoints:
         self._due = 0
 
     def prepare(self) -> None:
-        """Allocate memory, once the stages have been built and before they move the joints."""
+        """Allocate memory, after the stages have been built and before the first active tick."""
         for slot in self._slots:
             for name, stage in self._log.stages.items():
                 if name not in slot:
                     slot[name] = stage.memory()
 
     def clear(self) -> None:
-        """The robot starts over."""
+        """Discard all checkpoints, at a reset of the robot."""
         self.ring.clear()
         self._due = 0
 
     def tick(self, stamp: int, row: int) -> None:
-        """Take a checkpoint when due, after a tick of a stamp [ns] and a ``row`` that has moved the joints."""
+        """Take a checkpoint when due, after an active tick with a stamp [ns] and a ``row``."""
         if self._due - CHECKPOINT_PERIOD * NANOSECONDS <= stamp < self._due:
             return
         self._due = stamp + round(CHECKPOINT_PERIOD * NANOSECONDS)
@@ -71,7 +71,7 @@ class Checkpoints:
         self.ring.append(Checkpoint(stamp, row, self._stack.snapshot, self._log.in_force, captured))
 
     def start(self, rows: NDArray[np.int64]) -> ReplayStart | None:
-        """The oldest checkpoint from which on no row (n,) is missing; None without one."""
+        """Oldest checkpoint after which no row (n,) is missing; None if there is none."""
         gaps = np.flatnonzero(np.diff(rows) != 1)
         first = int(rows[gaps[-1] + 1] if gaps.size else rows[0]) if rows.size else 0
         checkpoint = next((each for each in self.ring if rows.size and each.row >= first), None)
@@ -101,7 +101,7 @@ class Checkpoints:
 
 
 def memory_to_plain(memory: StackSnapshot) -> dict[str, Any]:
-    """The memory of a stack for JSON; exact."""
+    """Convert the state of a stack to plain values for JSON; exact."""
     feet = [[each.active, each.wrench.tolist()] for each in memory.state.contacts]
     fields: dict[str, Any] = memory._asdict()
     calibration = None if memory.correction is None else plain(memory.correction)
@@ -115,24 +115,24 @@ def memory_to_plain(memory: StackSnapshot) -> dict[str, Any]:
 _MODES = {mode: index for index, mode in enumerate(Mode)}
 _STATUSES = {status: index for index, status in enumerate(SolveStatus)}
 
-#: Arrays without a value for a tick without a result
+#: Arrays that are NaN for a tick without a result
 _RESULTS = ("command_q", "command_v", "command_tau", "planned_wrenches", "dcm", "zmp", "residual")
-_EVENTS = 256  #: Events that are kept
+_EVENTS = 256  #: Largest number of events in memory
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class BlackBoxConfig:
     """Schema of ``controllers/config/black_box.yaml``."""
 
-    duration: Annotated[float, Field(gt=0, le=120)]  #: What is kept from before a fault [s]
-    after: Annotated[float, Field(ge=0, le=10)]  #: What is kept from after a fault [s]
+    duration: Annotated[float, Field(gt=0, le=120)]  #: Recorded time before a fault [s]
+    after: Annotated[float, Field(ge=0, le=10)]  #: Recorded time after a fault [s]
     period: Annotated[float, Field(ge=1e-4, le=1)]  #: Least time between two rows [s]
-    keep: Annotated[int, Field(ge=1, le=1000)]  #: Newest files of a robot that are kept [1]
+    keep: Annotated[int, Field(ge=1, le=1000)]  #: Number of newest files of a robot that are kept [1]
     folder: str  #: Folder of the files; empty for the user's state folder
 
 
 class BlackBox:
-    """Ring of the last ``duration + after`` seconds; with a ``stack`` that logs its inputs, it can be run again."""
+    """Ring buffer of ``duration + after`` seconds. A record can be replayed if ``stack`` logs its inputs."""
 
     def __init__(
         self, model: RobotModel, config: BlackBoxConfig | None = None, stack: ControlStack | None = None
@@ -141,7 +141,7 @@ class BlackBox:
         self._model = model
         self._rows = round((self.config.duration + self.config.after) / self.config.period)
         nq, nv, nj = model.nq, model.nv, model.nj
-        single, double = np.float32, np.float64  # inputs and outputs of the laws are kept to the last bit
+        single, double = np.float32, np.float64  # inputs and outputs of the laws are stored exactly
         kinds: dict[str, tuple[Any, ...]] = {
             "t": (double,), "sample_t": (double,), "stamp": (np.int64,), "number": (np.int64,),
             "q": (single, nq), "v": (single, nv),
@@ -151,7 +151,7 @@ class BlackBox:
             "planned_wrenches": (single, 2, 6), "dcm": (single, 2), "zmp": (single, 2), "residual": (single,),
             "mode": (np.int8,), "status": (np.int8,),
         }  # fmt: skip
-        #: Arrays by their name in the record; written to at once, so that no page is missing when the robot stands
+        #: Arrays by their name in the record; filled here, so that no page fault occurs in a tick
         self._columns: dict[str, NDArray[Any]] = {
             name: np.full((self._rows, *shape), np.nan if issubclass(kind, np.floating) else -1, dtype=kind)
             for name, (kind, *shape) in kinds.items()
@@ -161,7 +161,7 @@ class BlackBox:
         self._ticks = 0
         self._last = -np.inf
         self._least = 0.5 * self.config.period
-        self.sealed = self._added = False  # sealed: rows are kept as they are, and the stamps show the gap
+        self.sealed = self._added = False  # sealed: no rows are added, and the stamps show the gap
         log, duration = None if stack is None else stack.log, self.config.duration + self.config.after
         self._checkpoints = None if stack is None or log is None else Checkpoints(stack, log, duration)
 
@@ -176,7 +176,7 @@ class BlackBox:
         mode: Mode,
         stamp: int | None = None,
     ) -> None:
-        """Store a tick of a stamp [ns], unless sealed or half a period early; without ``sensors`` by the estimate."""
+        """Store the tick of a stamp [ns], unless sealed or half a period early; without ``sensors``, use the estimate."""
         t = state.t
         if self._checkpoints is not None and not self._count:
             self._checkpoints.prepare()
@@ -209,19 +209,19 @@ class BlackBox:
         self._count = min(self._count + 1, self._rows)
 
     def checkpoint(self) -> None:
-        """Copy the state of the stack when that is due, after ``add`` of a tick whose law moved the joints."""
+        """Take a checkpoint when due; call it after ``add`` in an active tick."""
         if self._checkpoints is None or not self._added:
             return
         last = self._next - 1
         self._checkpoints.tick(int(self._columns["stamp"][last]), int(self._columns["number"][last]))
 
     def event(self, t: float, text: str) -> None:
-        """Add an event at time t [s]."""
+        """Add an event at time ``t`` [s]; its text is cut after 200 characters."""
         if not self.sealed:
             self._events.append((t, text[:200]))
 
     def clear(self) -> None:
-        """Clear the ring; the robot starts over."""
+        """Clear the ring buffer, at a reset of the robot."""
         self._events.clear()
         self._next = self._count = 0
         self._last = -np.inf
@@ -230,11 +230,11 @@ class BlackBox:
 
     @property
     def checkpoints(self) -> deque[Checkpoint]:
-        """States of the laws that are held, the oldest first."""
+        """Checkpoints in memory, oldest first."""
         return deque() if self._checkpoints is None else self._checkpoints.ring
 
     def record(self, reason: str) -> BlackBoxRecord:
-        """A copy of the ring, the oldest row first."""
+        """Copy of the ring buffer, oldest row first."""
         first = self._next if self._count == self._rows else 0
         order = (np.arange(self._count) + first) % self._rows
         arrays: dict[str, Any] = {name: column[order] for name, column in self._columns.items()}

@@ -1,4 +1,4 @@
-"""The file of a black box, and the folder that keeps the newest ones."""
+"""File of a black box, and the folder of the newest files."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from models.law_state import Bytes
 from models.types import Matrix, Mode, SolveStatus, Vector
 
 FORMAT = 3  #: Version of the file
-#: The first version: single precision, no numbers of ticks, no state of the laws. It and version 2, whose state of the
-#: laws is of another kind, are read, but not run again.
+#: First version: single precision, no numbers of ticks, no state of the laws. This version and version 2, which has
+#: another format of the state, can be read but not replayed.
 SINGLE = 1
-SUFFIX = ".npz"  #: Of the files
-#: Of a file that can be run again: inputs of the laws (JSON), and their state
+SUFFIX = ".npz"  #: Suffix of the files
+#: Arrays of a file that can be replayed: inputs of the laws (JSON) and state of the laws
 _INPUTS, _MEMORY = "replay", "replay_memory"
 Array = NDArray[np.float32]
 
@@ -56,7 +56,7 @@ UNITS = {
 
 @dataclass(frozen=True, slots=True)
 class ReplayStart:
-    """Start of a replay, and the inputs of the stack from there on."""
+    """Start of a replay and the inputs of the stack after it."""
 
     record: dict[str, Any]  # settings, inputs, motions, and a description of the state
     data: Bytes  # arrays of the state
@@ -64,23 +64,23 @@ class ReplayStart:
 
 @dataclass(frozen=True, slots=True)
 class BlackBoxRecord:
-    """Content of a black box: n rows, the oldest first; NaN where a value is unknown."""
+    """Content of a black box: n rows, oldest first; unknown values are NaN."""
 
     robot: str  # name of the profile
     reason: str  # cause of the record
-    joint_names: tuple[str, ...]  # of the columns of joints
+    joint_names: tuple[str, ...]  # names of the joint columns
     events: tuple[tuple[float, str], ...]  # stamp [s] and text
     replay: ReplayStart | None  # start and inputs of a replay; None without one
     t: Vector  # stamps on the robot's clock (n,) [s]
     stamp: NDArray[np.int64]  # of the tick (n,) [ns]
-    number: NDArray[np.int64]  # counts the ticks; rows are missing where it leaps (n,)
-    sample_t: Vector  # stamps of the sensors' sample (n,) [s]
+    number: NDArray[np.int64]  # counter of ticks; rows are missing where it increases by more than 1 (n,)
+    sample_t: Vector  # stamps of the sensor samples (n,) [s]
     q: Array  # estimated configuration in Pinocchio's order (n, nq)
     v: Array  # estimated velocity in Pinocchio's order (n, nv)
     joint_q: Matrix  # measured joint positions (n, nj)
     joint_v: Matrix  # measured joint velocities (n, nj)
     joint_tau: Matrix  # measured joint torques (n, nj)
-    gyro: Matrix  # in the IMU's frame (n, 3)
+    gyro: Matrix  # measured angular velocity in the IMU's frame (n, 3)
     accel: Matrix  # measured specific force in the IMU's frame (n, 3)
     wrenches: Matrix  # measured ground reaction on each foot in its sole frame (n, 2, 6)
     command_q: Matrix  # (n, nj)
@@ -92,7 +92,7 @@ class BlackBoxRecord:
     residual: Array  # largest KKT residual of the QP (n,)
     status: NDArray[np.int8]  # index in ``SolveStatus``; -1 without a command (n,)
     mode: NDArray[np.int8]  # index in ``Mode`` (n,)
-    format: int = FORMAT  # version of the file that it was read from
+    format: int = FORMAT  # version of the file from which it was read
 
     @property
     def modes(self) -> list[Mode]:
@@ -100,7 +100,7 @@ class BlackBoxRecord:
         return [tuple(Mode)[int(i)] for i in self.mode]
 
     def last(self, duration: float) -> BlackBoxRecord:
-        """The rows of the last so many seconds, and the events among them; to look at, not to run again."""
+        """Rows and events of the last ``duration`` [s], without the data for a replay."""
         begin = float(self.t.max(initial=-np.inf)) - duration
         rows = self.t >= begin
         arrays = {name: getattr(self, name)[rows] for name in UNITS}
@@ -108,7 +108,7 @@ class BlackBoxRecord:
         return replace(self, events=events, replay=None, **arrays)
 
     def save(self, path: Path) -> None:
-        """Write the record atomically; ``PoiseError`` when the disk refuses, and no file is left then."""
+        """Write the record atomically. Raises ``PoiseError`` on failure, and leaves no partial file."""
         fresh = path.with_name(f".{path.name}.tmp")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -141,7 +141,7 @@ class BlackBoxRecord:
 
     @classmethod
     def load(cls, path: Path) -> BlackBoxRecord:
-        """Read a file of ``save``; PoiseError when it is not the file of a black box, or of another version."""
+        """Read a file of ``save``; ``PoiseError`` when it is not a black box or has an unknown version."""
         try:
             with open_arrays(path) as data:
                 meta = json.loads(str(data["meta"]))
@@ -171,22 +171,22 @@ class BlackBoxRecord:
 
 
 class BlackBoxFolder:
-    """Keeps the newest ``keep`` files of a robot's ``name`` in ``folder``, the user's state folder when empty."""
+    """Keeps the newest ``keep`` files of the robot ``name`` in ``folder``; empty for the user's state folder."""
 
     def __init__(self, name: str, folder: str | Path, keep: int) -> None:
         self._folder = Path(folder).expanduser() if str(folder) else state_folder("black_box")
         self._name, self._keep = name, keep
 
     def files(self) -> list[Path]:
-        """Files of this robot, the oldest first."""
+        """Files of this robot, oldest first."""
         return sorted(self._folder.glob(f"{self._name}-*{SUFFIX}"))
 
     def save(self, record: BlackBoxRecord) -> Path:
-        """Write a record under the present time, and remove the oldest files; PoiseError when the disk refuses."""
+        """Write a record to a file named by the current time and remove the oldest ones; ``PoiseError`` on failure."""
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
         path = self._folder / f"{self._name}-{stamp}Z{SUFFIX}"
         record.save(path)
-        others = [file for file in self.files() if file != path]  # a clock set back must not cost the new one
+        others = [file for file in self.files() if file != path]  # keep the new file even if the clock was set back
         for file in others[: max(len(others) - self._keep + 1, 0)]:
             try:
                 file.unlink(missing_ok=True)

@@ -1,1 +1,1 @@
-"""Targets in the camera image, and the gaze."""
+"""Target detection in the camera image, and head angles towards the target."""

@@ -1,4 +1,4 @@
-"""Head angles that point the camera at a target in its picture."""
+"""Head angles that point the camera at a target in its image."""
 
 from collections import deque
 
@@ -10,20 +10,20 @@ from models.profile import CAMERA_FRAME
 from models.robot_model import RobotModel
 from models.types import Vector
 
-STEPS = 8  #: Most steps of the solution [1]; two to four are enough within half a turn of the head
-STEP_MAX = 0.6  #: Largest step of a joint [rad]: farther, the linearisation is void
-DONE = 1e-6  #: A smaller step ends the search [rad]
+STEPS = 8  #: Largest number of iterations [1]; two to four are enough within half a turn of the head
+STEP_MAX = 0.6  #: Largest step of a joint [rad], within which the linearisation holds
+DONE = 1e-6  #: Step below which the iteration ends [rad]
 
 
 class Gaze:
-    r"""Pan and tilt that bring a bearing onto the optical axis.
+    r"""Computes pan and tilt that align the optical axis with a bearing.
 
     .. math::
         \min_q \| e_3 \times R(q)^T R(q_0)\, b \|, \quad q = (\mathrm{pan}, \mathrm{tilt})
 
-    by Gauss-Newton steps on the robot's kinematics, whatever the order and the mounting of the joints. Only directions
-    are turned: the camera sits beside the axes of the head, so a near target is met only after some pictures. Raises
-    ``ConfigError`` when the robot has no head, or no camera on it.
+    by Gauss-Newton steps on the robot's kinematics, for any order and mounting of the joints. Only directions are used.
+    The camera is offset from the axes of the head, so a near target is centred only after several images. Raises
+    ``ConfigError`` when the robot has no head, or when a head joint does not move the camera.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -43,7 +43,7 @@ class Gaze:
         self._low, self._high = model.q_lower[joints], model.q_upper[joints]
 
     def aim(self, pan: float, tilt: float, bearing: Vector) -> tuple[float, float]:
-        """Angles that point the camera best from ``pan`` and ``tilt`` [rad] to a bearing in the optical frame (3,)."""
+        """Angles [rad] that best point the camera along a bearing (3,), given in the optical frame at pan and tilt."""
         angles = np.array([pan, tilt])
         target = self._axes(angles) @ bearing
         for _ in range(STEPS):
@@ -51,7 +51,7 @@ class Gaze:
             pin.computeJointJacobians(self._model, self._data, self._q)
             jacobian = pin.getFrameJacobian(self._model, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED)
             axis = rotation[:, 2]
-            turns = np.cross(jacobian[3:, self._columns].T, axis).T  # (3, 2): how the axis moves with each joint
+            turns = np.cross(jacobian[3:, self._columns].T, axis).T  # (3, 2), derivative of the axis by each joint
             step, *_ = np.linalg.lstsq(turns, target - axis * (axis @ target), rcond=None)
             before = angles
             angles = np.clip(angles + np.clip(step, -STEP_MAX, STEP_MAX), self._low, self._high)
@@ -60,7 +60,7 @@ class Gaze:
         return float(angles[0]), float(angles[1])
 
     def _axes(self, angles: Vector) -> Vector:
-        """Axes of the camera for a head at these angles (3, 3)."""
+        """Axes of the camera (3, 3) at head angles (2,) [rad]."""
         self._q[self._places] = angles
         pin.framesForwardKinematics(self._model, self._data, self._q)
         rotation: Vector = self._data.oMf[self._frame].rotation.copy()
@@ -80,7 +80,7 @@ class AngleHistory:
         self._samples.append((stamp, pan, tilt))
 
     def at(self, stamp: int, tolerance: int) -> Vector | None:
-        """Pan and tilt (2,) [rad] at a stamp [ns]; None where no sample is within a tolerance [ns] of it."""
+        """Pan and tilt (2,) [rad] at a stamp [ns]; None when no sample is within a tolerance [ns] of the stamp."""
         if not self._samples:
             return None
         stamps = [sample[0] for sample in self._samples]

@@ -1,4 +1,4 @@
-"""Finds a target by its colour in a picture."""
+"""Finds a target by its colour in an image."""
 
 import dataclasses
 from typing import Annotated
@@ -13,7 +13,7 @@ from models.errors import ConfigError
 from models.types import Vector
 
 _DEGREES_PER_HUE = 2.0  #: OpenCV counts hues of 8 bits in steps of two degrees
-_NOISE_KERNEL = np.ones((3, 3), dtype=np.uint8)  #: Patches that do not hold a square of this size are noise [pixel]
+_NOISE_KERNEL = np.ones((3, 3), dtype=np.uint8)  #: Patches that do not contain this square are noise [pixel]
 
 Degrees = Annotated[float, Field(ge=0.0, le=360.0)]
 
@@ -23,7 +23,7 @@ class TargetConfig:
     """Schema of ``controllers/config/vision.yaml``: colour and size of the target."""
 
     hue_from: Degrees  #: First hue of the target on the circle of colours: red is 0, green 120, blue 240 [deg]
-    hue_to: Degrees  #: Last hue; less than the first for a range that goes through 0 [deg]
+    hue_to: Degrees  #: Last hue; less than the first for a range through 0 [deg]
     saturation_min: Proportion  #: Least saturation: 0 is grey, 1 is pure colour [-]
     value_min: Proportion  #: Least value: 0 is black, 1 is bright [-]
     pixels_min: Count  #: Least size of the target [pixel]
@@ -31,15 +31,15 @@ class TargetConfig:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Sighting:
-    """A target in a picture."""
+    """A target in an image."""
 
-    pixel: Vector  # its middle, u to the right and v down (2,) [pixel]
-    pixels: int  # its size [pixel]
-    whole: bool  # it ends before the edge of the picture; otherwise its middle is not the target's
+    pixel: Vector  # centroid, u to the right and v down (2,) [pixel]
+    pixels: int  # area [pixel]
+    whole: bool  # the patch does not touch the edge of the image; otherwise the centroid is not the target's
 
 
 class TargetFinder:
-    """Finds the largest connected patch of a colour, without single pixels; ``ConfigError`` without OpenCV."""
+    """Finds the largest connected patch of a colour, after removal of noise; ``ConfigError`` without OpenCV."""
 
     def __init__(self, config: TargetConfig | None = None) -> None:
         try:
@@ -50,12 +50,12 @@ class TargetFinder:
         self.config = config or default_config(TargetConfig, "controllers", "vision")
         low, high = self.config.hue_from / _DEGREES_PER_HUE, self.config.hue_to / _DEGREES_PER_HUE
         high += 180.0 * (high < low)
-        hues = [(low, high), (low - 180.0, high - 180.0)]  # a turn later a range may begin at 0 again
+        hues = [(low, high), (low - 180.0, high - 180.0)]  # the second range covers hues beyond a full turn
         rest = 255.0 * self.config.saturation_min, 255.0 * self.config.value_min
         self._ranges = [(np.array([first, *rest]), np.array([last, 255.0, 255.0])) for first, last in hues]
 
     def find(self, picture: NDArray[np.uint8]) -> Sighting | None:
-        """The target in rows of red, green, blue (height, width, 3); None when it is not in the picture."""
+        """Find the target in an RGB image (height, width, 3); None when it is not in the image."""
         cv2 = self._cv2
         hsv = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2HSV)
         mask = np.zeros(hsv.shape[:2], dtype=np.uint8)
