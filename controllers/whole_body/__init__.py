@@ -1,1 +1,1 @@
-"""Whole-body QP of one tick: tasks, limits, problem."""
+"""Tasks, limits and assembly of the whole-body QP."""

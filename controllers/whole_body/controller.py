@@ -1,4 +1,4 @@
-"""Whole-body controller: terms, tasks, limits, QP, solution, driver setpoints, with a documented fallback."""
+"""Whole-body controller: solves a QP of tasks and limits for the setpoints of the drivers, with a safe fallback."""
 
 import math
 from collections.abc import Sequence
@@ -48,18 +48,18 @@ class WholeBodyController:
         \quad \text{s.t.} \quad M a + h = S^T \tau + J_c^T w,\; J_c a + \dot J_c v = k\,e_c - d\,v_c,\;
         w \in \text{cone},\; |\tau| \le \tau_{max},\; \underline{a} \le a_j \le \overline{a}
 
-    with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a foot that lifts or tips returns to
-    its foothold.
+    where ``e_c`` is the pose error of a stance sole from its foothold and ``v_c`` its twist, so a foot that lifts or
+    tips returns to its foothold.
 
-    The setpoint integrates the acceleration over a look-ahead from the measured state, which is the time until the
-    drives evaluate it (``set_lookahead``): their stiffness opposes only what was not planned meanwhile.
+    The setpoint integrates the acceleration from the measured state over a look-ahead, the time until the drives
+    evaluate the setpoint (``set_lookahead``). The stiffness of the drives then opposes only unplanned motion.
 
-    Fallback: no usable solution repeats the last command for ``hold_ticks`` ticks, then commands damping only.
+    Fallback: without a usable solution, the last command is repeated for ``hold_ticks`` ticks, then damping only.
 
-    ``config`` is the packaged default when None; ``extra_tasks`` and ``extra_limits`` extend the stack. ``areas`` are
-    x_min, x_max, y_min, y_max of the part of each sole that counts as support, in its frame (2, 4) [m];
-    ``wrench_target`` is in the sole frames (2, 6); the balance law sets the desired acceleration of ``com_task``.
-    ``acceleration`` (nv,), ``wrenches`` (2, 6), ``torque`` (nj,), ``problem`` and ``solution`` are of the last tick.
+    ``config`` is the packaged default when None; ``extra_tasks`` and ``extra_limits`` extend the QP. ``areas`` are
+    x_min, x_max, y_min, y_max of the support area of each sole, in its frame (2, 4) [m]; ``wrench_target`` is in the
+    sole frames (2, 6). The balance law sets the desired acceleration of ``com_task``. ``acceleration`` (nv,),
+    ``wrenches`` (2, 6), ``torque`` (nj,), ``problem`` and ``solution`` are results of the last tick.
 
     References:
         Del Prete et al.: Prioritized motion-force control of constrained fully-actuated robots (2015);
@@ -119,7 +119,7 @@ class WholeBodyController:
         self._full_areas: Matrix = np.array([foot.bearing for foot in model.feet])
         self.areas = self._full_areas.copy()
         self._areas_key: bytes | None = None
-        self._known = min(foot.friction for foot in model.feet)  # while the state has no estimate
+        self._known = min(foot.friction for foot in model.feet)  # of the profile, an upper bound of the estimate
         self.friction = contact.friction  #: Coefficient of the cones [-]
         self._set_friction(math.inf)
         self.set_support_areas(None)
@@ -146,7 +146,7 @@ class WholeBodyController:
         self.torque = np.zeros(self.model.nj)
 
     def step(self, state: RobotState, reference: Reference) -> tuple[JointCommand, SolveStatus]:
-        """One tick from the estimated state; ``terms`` must have been updated with it (the balance law does)."""
+        """Run one tick from the estimated state. The caller must have updated ``terms``, as the balance law does."""
         self._set_friction(state.friction)
         self.set_support_areas(reference.sole_areas)
         key = reference.contacts, reference.load, reference.load_alone
@@ -165,13 +165,13 @@ class WholeBodyController:
         return self._last, solution.status
 
     def set_lookahead(self, time: float) -> None:
-        """Integrate the setpoints over a time [s], at least ``lookahead_s``."""
+        """Set the integration time of the setpoints [s], at least ``lookahead_s``."""
         self.builder.lookahead[0] = max(time, self.config.lookahead_s)
 
     def set_support_areas(self, areas: Matrix | None) -> bool:
-        """Set the parts of the soles that count as support (2, 4) [m], whole if None; returns whether they changed."""
+        """Set the support areas of the soles (2, 4) [m], the whole soles if None; returns whether they changed."""
         key = b"" if areas is None else areas.tobytes()
-        if key == self._areas_key:  # bytes, since comparing arrays takes 20 us of every tick
+        if key == self._areas_key:  # bytes, since comparing arrays takes 20 us per tick
             return False
         self._areas_key, self._contacts_key = key, None
         self.areas[:] = self._full_areas if areas is None else areas
@@ -182,7 +182,7 @@ class WholeBodyController:
         return True
 
     def _set_friction(self, estimate: float) -> None:
-        """Set the coefficient of the cones to the configured share of an estimated one [-], in steps of its grain."""
+        """Set the coefficient of the cones to a share of the estimate [-], rounded down to ``friction_grain``."""
         contact = self.config.contact
         steps = contact.friction_share * min(estimate, self._known) / contact.friction_grain
         friction = min(max(math.floor(steps), 1) * contact.friction_grain, contact.friction)
@@ -191,7 +191,7 @@ class WholeBodyController:
             self._cones.set_friction(friction)
 
     def _change_contacts(self, contacts: tuple[bool, ...], load: tuple[float, ...], load_alone: float) -> None:
-        """Activate the tasks of the swing feet; set target wrenches to the planned load in the middle of each area."""
+        """Activate the tasks of the swing feet; set target wrenches to the planned load at the centre of each area."""
         self._cones.set_load(load, load_alone if sum(contacts) == 1 else 0.0)
         for foot, free in zip(self._feet, self.builder.edges.free, strict=True):
             foot.release(None if not contacts[foot.foot] else free)
@@ -202,7 +202,7 @@ class WholeBodyController:
             target[2:5] = force, 0.5 * force * (area[2] + area[3]), -0.5 * force * (area[0] + area[1])
 
     def fall_back(self) -> tuple[JointCommand, SolveStatus]:
-        """Command of a tick without a usable state or solution: the last command again, then damping only."""
+        """Command of a tick without a usable state or solution: the last command, later damping only."""
         self._failures += 1
         if self._last is not None and self._failures <= self.hold_ticks:
             return self._last, SolveStatus.HELD
@@ -211,7 +211,7 @@ class WholeBodyController:
 
 
 def _uniform_gains(gains: Gains, rows: int) -> tuple[Vector, Vector, Vector]:
-    """kp, kd and weight of a task, the same on all of its rows."""
+    """kp, kd and weight of a task, equal for all rows."""
     return np.full(rows, gains.kp), np.full(rows, gains.kd), np.full(rows, gains.weight)
 
 
@@ -248,7 +248,7 @@ def _make_limits(
 ) -> tuple[BodyLimits, list[RowLimit]]:
     limit, height, nj = config.limits, config.limits.com_height, model.nj
     margin = np.minimum(limit.position_margin, 0.25 * (model.q_upper - model.q_lower))
-    scale = np.ones(nj)  # of the rows; eliminating the contacts makes those of the legs larger
+    scale = np.ones(nj)  # scale of the rows; eliminating the contacts enlarges the rows of the legs
     for foot in model.feet:
         scale[np.array(foot.chain_ids_v) - 6] = 0.01
     bounds = JointBounds(

@@ -1,4 +1,4 @@
-"""Limit of the whole-body QP that keeps the legs from touching each other."""
+"""Limit of the whole-body QP that prevents collisions between the legs."""
 
 from operator import itemgetter
 
@@ -20,25 +20,25 @@ from models.types import Reference
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_SCALE = 0.01  #: Of the rows and their bounds, as in ``JointLimit``; a relaxed solve gives up this limit first
-_LOOK_TICKS = 4  #: From a look at all pairs to the next while none is near
-_ROWS = 3  #: Pairs of shapes that are kept apart at the same time
+_SCALE = 0.01  #: Scale of rows and bounds, as in ``JointLimit``; a relaxed solve violates this limit first
+_LOOK_TICKS = 4  #: Ticks between two checks of all pairs while none is near
+_ROWS = 3  #: Largest number of bounded pairs
 
 
 class LegClearanceLimit(AccelerationLimit):
-    r"""Keep the shapes of the left leg at least ``gap`` from those of the right one, where they are nearest.
+    r"""Keep the nearest shapes of the left and right leg at least ``gap`` apart.
 
     .. math:: \ddot d \ge \mathrm{clip}(k (g (d_{gap} - d) - \dot d), \pm \ddot d_{max}), \qquad
         \ddot d \approx n^T (J_l - J_r) \ddot q
 
-    while a foot swings, for up to three pairs of convex hulls that are nearer than ``reach``: n points from the nearest
-    point of the right leg to that of the left one, J are the Jacobians of these points; the acceleration at zero
-    :math:`\ddot q` is left to the feedback. Pairs nearer than the gap in the 'stand' posture are not kept apart, as a
-    hull is larger than its shape.
+    for up to three pairs of convex hulls nearer than ``reach``, while a foot swings. The normal n points from the
+    nearest point of the right leg to the nearest point of the left leg; J are the Jacobians of these points. The
+    feedback compensates the neglected drift of the acceleration. Pairs nearer than the gap in the 'stand' posture are
+    excluded, since a hull is larger than its shape.
 
-    In a tick, or in every fourth while none is near, the three pairs are measured that were nearest, and three others
-    that may be near by now: since a pair was measured, no point of a leg has moved by more than the sum of the changes
-    of its joints times their distances from it in the stretched leg.
+    Each tick, or each fourth tick while no pair is near, measures the three nearest known pairs and three others that
+    may be near. Since the last measurement of a pair, a point of a leg has moved by at most the sum of the joint
+    changes times the distances of the joints from it in the stretched leg.
     """
 
     def __init__(self, model: RobotModel, config: LegClearanceConfig) -> None:
@@ -61,23 +61,23 @@ class LegClearanceLimit(AccelerationLimit):
             [(levers[pair.first] + levers[pair.second])[self._joints - JOINTS_Q] for _, pair in self._pairs]
         )
         self._standing = np.array([apart[k] for k, _ in self._pairs]), standing[self._joints]
-        self._distances = np.empty(len(self._pairs))  # when measured [m]
-        self._measured = np.empty((len(self._pairs), len(self._joints)))  # joint positions then [rad]
+        self._distances = np.empty(len(self._pairs))  # last measured distances [m]
+        self._measured = np.empty((len(self._pairs), len(self._joints)))  # joint positions of that measurement [rad]
         self.reset()
 
     def reset(self) -> None:
-        """Begin with the distances of the posture 'stand'."""
+        """Reset the distances to those of the 'stand' posture."""
         self._distances[:], self._measured[:] = self._standing
         self._ticks_to_look = 0
 
     def update(self, terms: Terms, reference: Reference, reduction: Reduction, rows: Rows) -> None:
-        """Write the rows of this tick; without a bound they stay as they are."""
+        """Write the rows of this tick; rows without a bound are unchanged."""
         self.bound(terms, reference)
         if self.lower[0] > -UNBOUNDED or rows.lower[0] != -UNBOUNDED:
             self.write(reduction, rows)
 
     def bound(self, terms: Terms, reference: Reference) -> None:
-        """Rows of the nearest pairs; the others are without a bound, all of them while both feet are planted."""
+        """Rows of the nearest pairs. The other rows have no bound; no row has one while both feet are planted."""
         if self.lower[0] > -UNBOUNDED:
             self.matrix[:], self.lower[:] = 0.0, -UNBOUNDED
         self._ticks_to_look -= 1
@@ -111,7 +111,7 @@ class LegClearanceLimit(AccelerationLimit):
 
 
 def _columns(robot: pin.Model, joints: set[int]) -> Index:
-    """Velocity indices of joints, each of which has one."""
+    """Velocity indices of joints with one degree of freedom."""
     return np.array([robot.idx_vs[joint] for joint in sorted(joints)], dtype=np.int64)
 
 
@@ -129,7 +129,7 @@ def _levers(robot: pin.Model, body: pin.GeometryObject) -> Array:
 
 @njit(cache=True)
 def _nearest(q: Array, joints: Index, measured: Array, distances: Array, levers: Array, reach: float) -> Index:
-    """Pairs within ``reach`` when they were measured, and others that may be by now: of both up to ``_ROWS``."""
+    """Up to ``_ROWS`` pairs last measured within ``reach``, and up to ``_ROWS`` others that may be within it now."""
     least, chosen = distances.copy(), np.zeros(distances.shape[0], dtype=np.bool_)
     for pair in range(least.shape[0]):
         for i in range(joints.shape[0]):
@@ -148,7 +148,7 @@ def _nearest(q: Array, joints: Index, measured: Array, distances: Array, levers:
 def _distance_row(
     jacobian: Array, v: Array, normal: Array, first: Array, second: Array, left: Index, right: Index, row: Array
 ) -> float:
-    """Write the derivative of a distance by the joints (nv,) [m/rad]; returns its rate [m/s].
+    """Write the gradient of a distance with respect to the joints (nv,) [m/rad]; returns its rate [m/s].
 
     ``jacobian`` is ``Terms.joint_jacobian``; ``normal`` (3,) points from ``second`` to ``first`` (3,).
     """

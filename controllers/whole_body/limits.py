@@ -1,4 +1,4 @@
-"""Limits of the whole-body QP, one class each with its compiled code."""
+"""Limits of the whole-body QP, each a class with its compiled code."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from models.types import Matrix, Reference, Vector
 
 Array = NDArray[np.float64]
 
-UNBOUNDED = 1e30  #: Bound of a row without one
+UNBOUNDED = 1e30  #: Value of an infinite bound
 CONE_ROWS = 17  #: Rows of a wrench cone
 
 
 class Rows(NamedTuple):
-    """Rows ``lower <= matrix z <= upper`` of the reduced QP: views of its memory."""
+    """Rows ``lower <= matrix z <= upper`` of the reduced QP, views of its arrays."""
 
     matrix: Array  #: (k, nz)
     lower: Array  #: (k,)
@@ -27,36 +27,36 @@ class Rows(NamedTuple):
 
 
 class Limit(ABC):
-    """Rows that every solution of the QP satisfies, unless ``soft``: a relaxed solve may violate those at a cost."""
+    """Rows that every solution of the QP satisfies; a relaxed solve may violate ``soft`` rows at a cost."""
 
     name: str
     soft = False
 
     @abstractmethod
     def size(self, contacts: int) -> int:
-        """Number of rows while this many contacts are active."""
+        """Number of rows for a number of active contacts."""
 
     def soft_rows(self, contacts: int) -> NDArray[np.bool_]:
-        """Which rows a relaxed solve may violate, while this many contacts are active."""
+        """Rows that a relaxed solve may violate, for a number of active contacts."""
         return np.full(self.size(contacts), self.soft)
 
     def reset(self) -> None:  # noqa: B027
-        """Forget what was kept from earlier ticks."""
+        """Discard the state of earlier ticks."""
 
 
 class RowLimit(Limit):
-    """A limit in addition to those of ``BodyLimits``, with a method that writes its rows."""
+    """A limit in addition to ``BodyLimits``, with a method that writes its rows."""
 
     @abstractmethod
     def update(self, terms: Terms, reference: Reference, reduction: Reduction, rows: Rows) -> None:
-        """Write the rows of this tick, through ``a = N z + a0`` and ``w_i = P_i z + p_i`` of the reduction."""
+        """Write the rows of this tick, with ``a = N z + a0`` and ``w_i = P_i z + p_i`` of the reduction."""
 
 
 class AccelerationLimit(RowLimit):
     """``lower <= G a <= upper`` on the generalised acceleration a (nv,), with ``matrix`` G (rows, nv).
 
-    The entries of G should be of order one. A subclass implements ``bound`` and has a unique ``name``; pass it to
-    ``WholeBodyController(extra_limits=...)``. A relaxed solve may violate a ``soft`` limit.
+    The entries of G should be of order one. A subclass implements ``bound`` and has a unique ``name``. Pass an instance
+    to ``WholeBodyController(extra_limits=...)``. A relaxed solve may violate a ``soft`` limit.
     """
 
     def __init__(self, name: str, rows: int, nv: int, soft: bool = True) -> None:
@@ -72,7 +72,7 @@ class AccelerationLimit(RowLimit):
         return len(self.lower)
 
     def update(self, terms: Terms, reference: Reference, reduction: Reduction, rows: Rows) -> None:
-        """``G N`` and the bounds less ``G a0``."""
+        """Write ``G N`` and the bounds minus ``G a0``."""
         self.bound(terms, reference)
         self.write(reduction, rows)
 
@@ -95,7 +95,7 @@ class CoMHeightLimit(AccelerationLimit):
     .. math:: k (\underline v - \dot z) \le \ddot z \le k (\overline v - \dot z), \qquad \overline v = g (z_{max} - z),
         \quad \underline v = g (z_{min} - z)
 
-    g is ``position_gain``, fastest approach to a bound per distance to it [1/s], k ``velocity_gain`` [1/s].
+    g is ``position_gain``, the largest approach speed per distance to a bound [1/s]; k is ``velocity_gain`` [1/s].
     """
 
     def __init__(self, minimum: float, maximum: float, position_gain: float, velocity_gain: float, nv: int) -> None:
@@ -120,7 +120,7 @@ class JointBounds(NamedTuple):
     q_high: Array  #: Highest position [rad]
     v_max: Array  #: Largest speed [rad/s]
     scale: Array  #: Factor of each row and its bounds [-]
-    position_gain: Array  #: g, fastest approach to a bound per distance to it [1/s]
+    position_gain: Array  #: g, largest approach speed per distance to a bound [1/s]
     velocity_gain: Array  #: k [1/s]
     acceleration: Array  #: Largest acceleration [rad/s^2]
 
@@ -131,7 +131,7 @@ class JointLimit(Limit):
     .. math:: \ddot q \le \mathrm{clip}(k (\overline v - \dot q), \pm \ddot q_{max}), \qquad
         \overline v = \mathrm{clip}(g (\overline q - q), \pm v_{max})
 
-    and the lower bounds likewise. ``bounds`` are without margins; their arrays may change between ticks.
+    and likewise for the lower bounds. No further margins are added to ``bounds``; the arrays may change between ticks.
     """
 
     name, soft = "joints", True
@@ -218,11 +218,11 @@ def _torque_rows(terms: Dynamics, reduction: Reduction, largest: Array, rows: Ro
 
 
 class WrenchConeLimit(Limit):
-    """Wrenches that flat rectangular contacts can bear without moving, with a Coulomb coefficient of each contact [-].
+    """Wrenches that flat rectangular contacts can transmit without moving; ``frictions`` are Coulomb coefficients [-].
 
-    ``margin`` is taken off every side of the rectangles [m]; an active contact bears from ``force_min`` to
-    ``force_max`` [N] of normal force, or within what ``set_load`` sets. Rows and bounds are divided by the force
-    ``scale`` [N], so that absolute tolerances of the solvers suit every robot.
+    Each side of the rectangles is reduced by ``margin`` [m]. The normal force of an active contact is between
+    ``force_min`` and ``force_max`` [N], or within the range of ``set_load``. Rows and bounds are divided by the force
+    ``scale`` [N], so that absolute tolerances of the solvers apply to every robot.
     """
 
     name = "wrench_cone"
@@ -235,22 +235,22 @@ class WrenchConeLimit(Limit):
         self.lower, self.upper = np.zeros((count, CONE_ROWS)), np.zeros((count, CONE_ROWS))
 
     def set_friction(self, friction: float) -> None:
-        """Set the coefficient of all contacts [-], in force from the next ``set_area`` on."""
+        """Set the coefficient of all contacts [-]; it takes effect at the next ``set_area``."""
         self._frictions = [friction] * len(self._frictions)
 
     def set_area(self, contact: int, rectangle: Sequence[float]) -> None:
-        """Set the part of a contact that bears load: x_min, x_max, y_min, y_max in its frame (4,) [m]."""
+        """Set the support area of a contact: x_min, x_max, y_min, y_max in its frame (4,) [m]."""
         x_min, x_max, y_min, y_max = rectangle
-        # A narrow area keeps half its width.
+        # The margins leave at least half the width of a narrow area.
         margin = min(self._margin, 0.25 * (x_max - x_min), 0.25 * (y_max - y_min))
         area = np.array([x_min + margin, x_max - margin, y_min + margin, y_max - margin])
         matrix, bounds = self.matrix[contact], (self.lower[contact], self.upper[contact])
         fill_cone(area, self._frictions[contact], *self._forces, self._scale, matrix, *bounds)
 
     def set_load(self, load: Sequence[float], least: float = 0.0) -> None:
-        """Set the share of its largest normal force that each contact may bear (contacts,) [-].
+        """Set the upper bound of each contact's normal force as a share of ``force_max`` (contacts,) [-].
 
-        An active contact bears at least the share ``least`` of ``scale`` [-], or ``force_min`` if that is more.
+        The lower bound is the share ``least`` of ``scale`` [-], but not less than ``force_min``.
         """
         force_min, force_max = max(self._forces[0], least * self._scale), self._forces[1]
         # The normal force is the cone's last row; twice the least force keeps an unloaded contact feasible.
@@ -258,11 +258,11 @@ class WrenchConeLimit(Limit):
         self.upper[:, -1] = [max(share * force_max, 2.0 * force_min) / self._scale for share in load]
 
     def size(self, contacts: int) -> int:
-        """``CONE_ROWS`` an active contact, one cone below the other."""
+        """``CONE_ROWS`` per active contact, stacked."""
         return CONE_ROWS * contacts
 
     def soft_rows(self, contacts: int) -> NDArray[np.bool_]:
-        """The bounds of the normal force; friction still keeps it from pulling."""
+        """The bounds of the normal force; the friction rows still prevent tensile forces."""
         rows = super().soft_rows(contacts)
         rows[CONE_ROWS - 1 :: CONE_ROWS] = True
         return rows
@@ -299,11 +299,11 @@ def fill_cone(
     lower: Array,
     upper: Array,
 ) -> None:
-    """Rows ``lower <= G w <= upper`` for a wrench that a flat rectangular contact can bear without moving.
+    """Rows ``lower <= G w <= upper`` for a wrench that a flat rectangular contact can transmit without moving.
 
-    For a rectangle centred on the contact's origin this is Caron's closed form: friction (4 rows), CoP (4 rows), yaw
-    moment (8 rows) and unilaterality (1 row); a rectangle (4,) [m] off the origin is reduced to it by moving the
-    moment. The friction pyramid is inscribed, mu / sqrt(2) along each axis; ``scale`` [N] divides rows and bounds.
+    For a rectangle centred at the contact's origin, the rows are Caron's closed form: friction (4 rows), CoP (4 rows),
+    yaw moment (8 rows) and unilaterality (1 row). For other rectangles (4,) [m], the moment is transformed to the
+    centre. The friction pyramid is inscribed, mu / sqrt(2) along each axis; ``scale`` [N] divides rows and bounds.
 
     Source: Caron, Pham, Nakamura: Stability of surface contacts for humanoid robots (ICRA 2015), eq. 19-28.
     """
@@ -323,7 +323,7 @@ def fill_cone(
                 matrix[row, 0], matrix[row, 1], matrix[row, 2] = sign * half_y, sign_y * half_x, -mu * (half_x + half_y)
                 matrix[row, 3], matrix[row, 4], matrix[row, 5] = sign_z * sign * mu, sign_z * sign_y * mu, sign_z
                 row += 1
-    for row in range(16):  # of the wrench at the rectangle's centre, made rows of the wrench at the contact's origin
+    for row in range(16):  # transform rows for the wrench at the centre to the wrench at the contact's origin
         moment_x, moment_y, moment_z = matrix[row, 3], matrix[row, 4], matrix[row, 5]
         matrix[row, 0] += moment_z * centre_y
         matrix[row, 1] -= moment_z * centre_x
@@ -335,7 +335,7 @@ def fill_cone(
 
 
 class LimitArrays(NamedTuple):
-    """The limits of ``BodyLimits`` as compiled code takes them."""
+    """Arrays of ``BodyLimits`` for compiled code."""
 
     bounds: JointBounds
     lower: Array
@@ -347,7 +347,7 @@ class LimitArrays(NamedTuple):
 
 
 class LimitRows(NamedTuple):
-    """Memory for the rows of ``BodyLimits``."""
+    """Rows of ``BodyLimits``."""
 
     joints: Rows
     cones: Rows
@@ -355,7 +355,7 @@ class LimitRows(NamedTuple):
 
 
 class BodyLimits(NamedTuple):
-    """The limits that every robot has; one compiled call writes the rows of all of them."""
+    """Limits of every robot; one compiled call writes all of their rows."""
 
     joints: JointLimit
     cones: WrenchConeLimit
@@ -371,7 +371,7 @@ class BodyLimits(NamedTuple):
 
 @njit(cache=True, forceinline=True)
 def limit_rows(limits: LimitArrays, terms: Dynamics, reduction: Reduction, rows: LimitRows) -> None:
-    """Rows of joints, wrench cones and torques, through ``a = N z + a0`` and ``w_i = P_i z + p_i``."""
+    """Write the rows of joints, wrench cones and torques, with ``a = N z + a0`` and ``w_i = P_i z + p_i``."""
     _joint_rows(terms, limits.bounds, limits.lower, limits.upper, reduction, rows.joints)
     _cone_rows(limits.cone, limits.cone_lower, limits.cone_upper, reduction, rows.cones)
     _torque_rows(terms, reduction, limits.largest_torque, rows.torque)

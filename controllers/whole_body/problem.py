@@ -1,4 +1,4 @@
-"""Builds the reduced whole-body QP from terms, tasks, contacts and limits."""
+"""Assembles the reduced whole-body QP from terms, tasks, contacts and limits."""
 
 from collections.abc import Iterable, Sequence
 from itertools import product
@@ -23,19 +23,19 @@ Array = NDArray[np.float64]
 
 
 class Stack(NamedTuple):
-    """All tasks of one tick: ``sum weight (jacobian a - target)^2 / 2``, the posture apart."""
+    """All tasks of one tick: ``sum weight (jacobian a - target)^2 / 2``; the posture has separate arrays."""
 
     jacobian: Array  #: (m, nv)
     target: Array  #: (m,)
-    weight: Array  #: In force, zero for the rows of inactive tasks (m,)
+    weight: Array  #: Weights in force, zero for rows of inactive tasks (m,)
     posture_target: Array  #: (nj,)
     posture_weight: Array  #: (nj,)
-    wrench_target: Array  #: Of the contact wrenches, in their frames (contacts, 6)
-    wrench_weight: Array  #: Of the contact wrenches, in their frames (contacts, 6)
+    wrench_target: Array  #: Targets of the contact wrenches in the contact frames (contacts, 6)
+    wrench_weight: Array  #: Weights of the contact wrenches in the contact frames (contacts, 6)
 
 
 class Setpoint(NamedTuple):
-    """Bounds and look-ahead of the drivers' setpoint: joint limits (nj,) [rad], time (1,) [s]."""
+    """Bounds of the drivers' setpoint, joint limits (nj,) [rad], and its look-ahead (1,) [s]."""
 
     q_min: Array
     q_max: Array
@@ -43,7 +43,7 @@ class Setpoint(NamedTuple):
 
 
 class _Setup(NamedTuple):
-    """Inputs that the QPs of all sets of active contacts share."""
+    """Inputs shared by the QPs of all sets of active contacts."""
 
     tasks: BodyArrays
     limits: LimitArrays
@@ -65,7 +65,7 @@ class _ModeArrays(NamedTuple):
 
 
 class _Mode(NamedTuple):
-    """One set of active contacts: its QP, and the rows in it of the limits beside ``BodyLimits``."""
+    """QP of one set of active contacts, and its rows for the limits beyond ``BodyLimits``."""
 
     arrays: _ModeArrays
     unboxed: Unboxed[_ModeArrays]
@@ -76,16 +76,16 @@ class _Mode(NamedTuple):
 class QPBuilder:
     """Assembles the QP of each tick into arrays allocated once per set of active contacts.
 
-    One compiled call a tick writes all but the rows of extra tasks and limits.
+    One compiled call per tick writes everything except the rows of extra tasks and limits.
 
-    Only ``Reference``, with the poses of two soles, restricts it to robots with two feet. A contact is rigid and
-    six-dimensional; the loops formed with the other contacts must be independent.
+    Only ``Reference``, with the poses of two soles, restricts the class to robots with two feet. A contact is rigid and
+    six-dimensional; the closed loops of several contacts must be independent.
 
-    Rows of ``limits`` come first, then those of ``extra_limits``. ``wrench_weight`` is of each wrench component (6,),
-    ``regularisation`` is added to the Hessian's diagonal, ``lookahead`` is the time over which accelerations are
-    integrated to the setpoint (1,) [s], settable. ``contact_acceleration`` is the desired one of each contact in its
-    frame (contacts, 6); ``stack.wrench_target`` and ``edges``, by ``set_edges``, are set from outside. Raises
-    ``ConfigError`` when two tasks or limits share a name.
+    The rows of ``limits`` precede those of ``extra_limits``. ``wrench_weight`` is the weight of each wrench component
+    (6,); ``regularisation`` is added to the Hessian's diagonal. The attribute ``lookahead`` is the integration time
+    from accelerations to the setpoint (1,) [s]; it may be changed. ``contact_acceleration`` is the desired acceleration
+    of each contact in its frame (contacts, 6). The caller sets ``stack.wrench_target``, and ``edges`` by ``set_edges``.
+    Raises ``ConfigError`` when two tasks or limits share a name.
     """
 
     def __init__(
@@ -144,18 +144,18 @@ class QPBuilder:
 
     @property
     def problems(self) -> list[QP]:
-        """The QP of every set of active contacts."""
+        """QPs of all sets of active contacts."""
         return [mode.qp for mode in {id(mode): mode for mode in self._modes.values()}.values()]
 
     def set_edges(self, areas: Matrix) -> None:
-        """Contacts whose bearing rectangle (contacts, 4) [m] has no width turn about that line."""
+        """Free the rotation of each contact about the line to which its support area (contacts, 4) [m] degenerates."""
         free, pivots = self.edges
         np.equal(areas[:, 2::-2], areas[:, 3::-2], out=free)
         np.multiply(areas[:, ::2], free[:, ::-1], out=pivots)
         self._turns = tuple(free.sum(axis=1).tolist())
 
     def build(self, terms: Terms, reference: Reference) -> QP:
-        """Fill this tick's QP, in arrays that the next call with the same contacts overwrites."""
+        """Fill the QP of this tick; the next call with the same contacts overwrites its arrays."""
         for task in self._extra_tasks:
             if task.active:
                 task.update(terms, reference)
@@ -202,7 +202,7 @@ def _refuse_duplicates(kind: str, names: Iterable[str]) -> None:
 
 
 def _make_mode(reduction: Reduction, limits: BodyLimits, extra: Sequence[RowLimit]) -> _Mode:
-    """Memory of the QP with the rows of all limits, one below the other."""
+    """Allocate the QP, with the rows of all limits stacked."""
     nz, all_limits = reduction.maps.shape[2], [*limits, *extra]
     sizes = [limit.size(len(reduction.active)) for limit in all_limits]
     total = sum(sizes)
@@ -216,7 +216,7 @@ def _make_mode(reduction: Reduction, limits: BodyLimits, extra: Sequence[RowLimi
 
 @njit(cache=True)
 def _build(model: Unboxed[ModelTerms], setup: Unboxed[_Setup], mode: Unboxed[_ModeArrays], *desired: Any) -> None:
-    """Rows of tasks, reduction, cost, and rows of limits; ``desired`` are the fields of ``Desired`` in their order."""
+    """Compute task rows, reduction, cost and limit rows; ``desired`` are the fields of ``Desired`` in order."""
     terms, shared, arrays, references = model.record, setup.record, mode.record, Desired(*desired)
     dynamics, reduction, held = terms.dynamics, arrays.reduction, shared.contact_acceleration
     body_rows(shared.tasks, terms, references)
@@ -228,12 +228,12 @@ def _build(model: Unboxed[ModelTerms], setup: Unboxed[_Setup], mode: Unboxed[_Mo
 
 @njit(cache=True, forceinline=True, fastmath={"contract"})
 def _assemble_cost(stack: Stack, reduction: Reduction, regularisation: float, hessian: Array, gradient: Array) -> None:
-    """Cost ``1/2 z'Hz + f'z`` of tasks, posture and wrenches, through ``a = N z + a0`` and ``w_i = P_i z + p_i``."""
+    """Cost ``1/2 z'Hz + f'z`` of tasks, posture and wrenches, with ``a = N z + a0`` and ``w_i = P_i z + p_i``."""
     m, nz = stack.jacobian.shape[0], hessian.shape[0]
     basis, start, nu = reduction.basis, reduction.start, reduction.upper.shape[0]
     na = basis.shape[1]
     most = m + 6 * reduction.active.shape[0]
-    rows, errors = np.zeros((most + 3, nz)), np.zeros(most + 3)  # 3: the sums below take four rows at a time
+    rows, errors = np.zeros((most + 3, nz)), np.zeros(most + 3)  # padding by 3, since the sums use blocks of four rows
     used = 0
     for i in range(m):
         if stack.weight[i] == 0.0:

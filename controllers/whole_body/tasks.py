@@ -1,4 +1,4 @@
-"""Tasks of the whole-body QP, one class each with its compiled code."""
+"""Tasks of the whole-body QP, each a class with its compiled code."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +17,7 @@ Flags = NDArray[np.bool_]
 
 
 class TaskArrays(NamedTuple):
-    """A task as compiled code takes it; see ``Task`` and ``GainTask``."""
+    """Arrays of a task for compiled code; see ``Task`` and ``GainTask``."""
 
     active: Flags
     weight: Array
@@ -30,27 +30,27 @@ class TaskArrays(NamedTuple):
 
 
 class Task(ABC):
-    r"""An acceleration-level objective, one weighted least-squares term of the QP.
+    r"""An acceleration-level objective: a weighted least-squares term of the QP.
 
     .. math:: \min_a \tfrac12 \|J a - b\|_W^2, \qquad b = a_{ff} + k_p\,\mathrm{error} + k_d\,\mathrm{error\ rate} -
         \dot J v
 
-    A new task is a class with ``update``, handed to ``WholeBodyController(extra_tasks=...)``, with a unique ``name``.
-    ``weight`` has one entry per row (k,); zero switches a row off. ``frames`` are those that the task needs in
-    ``Terms.frames``.
+    A subclass implements ``update`` and has a unique ``name``. Pass an instance to
+    ``WholeBodyController(extra_tasks=...)``. ``weight`` has one entry per row (k,); zero disables a row. ``frames`` are
+    the names of the frames that the task reads from ``Terms.frames``.
     """
 
     def __init__(self, name: str, weight: Vector, nv: int, frames: tuple[str, ...] = ()) -> None:
         self.name, self.weight, self.frames = name, weight, frames
         rows = len(weight)
         self._active: Flags = np.array([weight.any()])
-        #: Desired less measured; b, the desired acceleration less the drift; W of the last tick, zero while inactive
+        #: Desired minus measured; b, desired acceleration minus drift; W of the last tick, zero while inactive
         self.error, self.target, self.weight_in_force = np.zeros(rows), np.zeros(rows), np.zeros(rows)
         self.jacobian: Matrix = np.zeros((rows, nv))
 
     @property
     def active(self) -> bool:
-        """False leaves the whole task out of this tick's problem."""
+        """Whether the task is part of the QP."""
         return bool(self._active[0])
 
     @active.setter
@@ -59,16 +59,16 @@ class Task(ABC):
 
     @abstractmethod
     def update(self, terms: Terms, reference: Reference) -> None:
-        """Write ``error``, ``jacobian`` and ``target`` in place, from the terms of the state and the reference."""
+        """Compute ``error``, ``jacobian`` and ``target`` in place from the model terms and the reference."""
 
     def write_into(self, jacobian: Matrix, target: Vector, weight: Vector) -> None:
-        """Use rows of a larger stack as the memory of ``jacobian``, ``target`` and ``weight_in_force``."""
+        """Replace ``jacobian``, ``target`` and ``weight_in_force`` by views of larger arrays."""
         jacobian[:], target[:] = self.jacobian, self.target
         self.jacobian, self.target, self.weight_in_force = jacobian, target, weight
 
 
 class GainTask(Task):
-    """A task with feedback gains ``kp`` and ``kd`` by row (k,) [1/s^2, 1/s]."""
+    """A task with feedback gains ``kp`` and ``kd`` per row (k,) [1/s^2, 1/s]."""
 
     def __init__(
         self, name: str, kp: Vector, kd: Vector, weight: Vector, nv: int, frames: tuple[str, ...] = ()
@@ -96,7 +96,7 @@ class CoMTask(GainTask):
 
     .. math:: \ddot c^* = \ddot c_{ref} + k_p (c_{ref} - c) + k_d (\dot c_{ref} - \dot c)
 
-    ``override`` is the desired acceleration itself, from a balance law (3,) [m/s^2]; disabled when None.
+    ``override`` replaces the desired acceleration by that of a balance law (3,) [m/s^2]; disabled when None.
     """
 
     def __init__(self, kp: Vector, kd: Vector, weight: Vector, nv: int) -> None:
@@ -154,7 +154,7 @@ class PostureTask(GainTask):
 
     .. math:: \ddot q^* = \ddot q_{ref} + k_p (q_{ref} - q) + k_d (\dot q_{ref} - \dot q)
 
-    Its Jacobian is the identity on the joints, which the QP uses instead of stacking it.
+    The QP does not stack the Jacobian, since it is the identity on the joints.
     """
 
     def __init__(self, kp: Vector, kd: Vector, weight: Vector) -> None:
@@ -219,8 +219,8 @@ class FrameOrientationTask(GainTask):
 
     .. math:: \dot\omega^* = k_p \log(R^T R_{ref}) + k_d (R^T \omega_{ref} - \omega)
 
-    with the desired angular velocity about the vertical only (the heading rate of a walk). ``desired`` gives R_ref of a
-    reference, whose heading rate applies.
+    where the desired angular velocity is the heading rate of the reference about the vertical. ``desired`` returns
+    R_ref of a reference.
     """
 
     def __init__(
@@ -237,7 +237,7 @@ class FrameOrientationTask(GainTask):
         self.frame, self.desired = frame, desired
 
     def update(self, terms: Terms, reference: Reference) -> None:
-        """Angular rows of the Jacobian; error is a rotation vector in F [rad]."""
+        """Angular rows of the Jacobian; the error is a rotation vector in F [rad]."""
         frame, desired = terms.frames[self.frame], self.desired(reference)
         _orientation_rows(self.arrays, frame, desired, reference.heading_rate)
 
@@ -252,13 +252,13 @@ def _orientation_rows(task: TaskArrays, frame: FrameTerms, desired: Array, headi
 
 
 class FootTask(GainTask):
-    r"""Move a foot that is not in contact along its reference; everything in the sole frame.
+    r"""Track the reference of a swing foot; all quantities in the sole frame.
 
     .. math::
         a^* = R^T a_{ref} + k_p \begin{bmatrix} R^T (p_{ref} - p) \\ \log(R^T R_{ref}) \end{bmatrix}
         + k_d (R^T v_{ref} - v)
 
-    While the foot is planned to bear load, the contact rows hold it: the task acts about the axes that they leave free.
+    While the foot is planned to bear load, the contact rows hold it, and the task acts only about the free axes.
     """
 
     def __init__(self, foot: int, kp: Vector, kd: Vector, weight: Vector, nv: int) -> None:
@@ -266,7 +266,7 @@ class FootTask(GainTask):
         self.foot, self._full = foot, weight
 
     def release(self, free: Flags | None) -> None:
-        """Act about those of the x and y axes that are free (2,); in every row when None, for a foot in the air."""
+        """Restrict the task to the free axes of x and y (2,) of a stance foot; all rows when None, for a swing foot."""
         self.weight[:] = self._full
         if free is not None:
             self.weight[:3] = self.weight[5] = 0.0
@@ -274,7 +274,7 @@ class FootTask(GainTask):
         self.active = bool(self.weight.any())
 
     def update(self, terms: Terms, reference: Reference) -> None:
-        """Jacobian of the sole; error is position and rotation vector in the sole frame [m, rad]."""
+        """Jacobian of the sole; the error is position and rotation vector in the sole frame [m, rad]."""
         foot = self.foot
         _foot_rows(
             self.arrays,
@@ -303,7 +303,7 @@ def _foot_rows(
 
 
 class BodyArrays(NamedTuple):
-    """The tasks of ``BodyTasks`` as compiled code takes them."""
+    """Arrays of ``BodyTasks`` for compiled code."""
 
     com: TaskArrays
     momentum: TaskArrays
@@ -331,7 +331,7 @@ class Desired(NamedTuple):
 
 
 class BodyTasks:
-    """The tasks that every robot has, base and torso with these frames; one compiled call updates all of them."""
+    """Tasks of every robot; ``base`` and ``torso`` use these frames. One compiled call updates all of them."""
 
     def __init__(
         self,
@@ -347,7 +347,7 @@ class BodyTasks:
 
     @property
     def feet(self) -> tuple[FootTask, FootTask]:
-        """Tasks of the left and of the right foot."""
+        """Tasks of the left and the right foot."""
         return self.left_foot, self.right_foot
 
     def __iter__(self) -> Iterator[GainTask]:
@@ -362,7 +362,7 @@ class BodyTasks:
 
 @njit(cache=True, forceinline=True)
 def body_rows(tasks: BodyArrays, terms: ModelTerms, desired: Desired) -> None:
-    """Rows and weights in force of the active tasks; those of inactive ones stay."""
+    """Compute rows and weights in force of the active tasks; inactive tasks get zero weights, and their rows stay."""
     dynamics, centroid = terms.dynamics, terms.centroid
     if _weigh(tasks.com):
         _com_rows(tasks.com, centroid, desired.com, desired.com_acceleration)
