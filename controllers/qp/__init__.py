@@ -1,1 +1,1 @@
-"""The whole-body quadratic program: model terms, reduction, assembly, solution."""
+"""Model terms, reduction and solution of the whole-body quadratic program."""

@@ -1,4 +1,4 @@
-"""Active-set solver of the whole-body QP: unconstrained minimum, few active rows, KKT residual of the answer."""
+"""Active-set solver of the whole-body QP for few active rows, and KKT residual of a solution."""
 
 from typing import NamedTuple
 
@@ -12,12 +12,12 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-MARKED_MAX = 48  #: Largest number of marked rows; with more, a general solver takes over
-_ROUNDS = 5  #: Largest number of times that violated rows are added
+MARKED_MAX = 48  #: Largest number of marked rows; more require a general solver
+_ROUNDS = 5  #: Largest number of rounds that add violated rows
 _CHANGES = 4 * MARKED_MAX  #: Largest number of rows added or dropped in one round
-_ROUNDING = 1e-12  #: Excess over a bound, relative to the value, up to which a row is not violated [-]
-_DEPENDENT = 1e-10  #: Squared part of a row outside the span of the others, relative, below which it is dependent [-]
-_VIOLATION = 1e-9  #: Relative violation of the other rows up to which the answer for the marked rows is accepted [-]
+_ROUNDING = 1e-12  #: Largest excess over a bound, relative to the value, that is not a violation [-]
+_DEPENDENT = 1e-10  #: Relative squared norm of a row outside the span of the others, below which it is dependent [-]
+_VIOLATION = 1e-9  #: Largest relative violation of unmarked rows for an accepted solution [-]
 
 
 class QP(NamedTuple):
@@ -28,23 +28,23 @@ class QP(NamedTuple):
     matrix: Array  #: A (m, nz)
     lower: Array  #: (m,)
     upper: Array  #: (m,)
-    soft: Flags  #: Rows that a relaxed solve may violate, at a cost (m,) of bool
+    soft: Flags  #: Rows that a relaxed solve may violate at a cost (m,)
 
 
 class Workspace(NamedTuple):
     """Memory of ``solve_few`` for problems of one size."""
 
-    factor: Array  #: L of H = L L', its diagonal inverted (nz, nz)
+    factor: Array  #: L of H = L L', with inverted diagonal (nz, nz)
     shift: Array  #: L^-1 f (nz,)
-    marks: Flags  #: Rows to satisfy: those active in the last answer, and those violated since (m,)
+    marks: Flags  #: Rows to satisfy: active in the last solution, or violated since (m,)
     rows: Index  #: Indices of the marked rows (m,)
-    whitened: Array  #: The marked rows in coordinates in which H is the identity (m, nz)
-    bounds: Array  #: Their lower and upper bounds (2, m)
-    multipliers: Array  #: Of all rows (m,)
+    whitened: Array  #: Marked rows in coordinates in which H is the identity (m, nz)
+    bounds: Array  #: Lower and upper bounds of the marked rows (2, m)
+    multipliers: Array  #: Multipliers of all rows (m,)
 
 
 def make_workspace(qp: QP) -> Workspace:
-    """Allocate the memory for problems of the size of ``qp``."""
+    """Allocate the workspace for problems of the size of ``qp``."""
     m, nz = qp.matrix.shape
     return Workspace(
         np.zeros((nz, nz)),
@@ -59,7 +59,7 @@ def make_workspace(qp: QP) -> Workspace:
 
 @njit(cache=True, forceinline=True, fastmath={"reassoc"})
 def all_finite(qp: QP) -> bool:
-    """Whether Hessian, gradient and rows hold neither NaN nor infinity, and the bounds no NaN (a sum shows either)."""
+    """Whether Hessian, gradient and rows are finite (by their sum) and the bounds contain no NaN."""
     total = 0.0
     for i in range(qp.gradient.size):
         total += qp.gradient[i]
@@ -76,7 +76,7 @@ def all_finite(qp: QP) -> bool:
 
 
 class Prepared(NamedTuple):
-    """A problem, rewritten by every tick, with the memory to solve it."""
+    """A problem, overwritten in every tick, with its workspace."""
 
     qp: QP
     work: Workspace
@@ -84,11 +84,11 @@ class Prepared(NamedTuple):
 
 @njit(cache=True)
 def solve_few(problem: Unboxed[Prepared], z: Array) -> float:
-    """Minimum (nz,) subject to the rows in ``marks`` and those that the unconstrained minimum violates.
+    """Compute the minimiser z (nz,) of the QP with an active-set method that considers only few rows.
 
-    ``marks`` of the problem are rows that are likely to be active, and after a solution those that are. Returns the
-    residual of ``kkt_residual``: infinity when the problem is one for a general solver, NaN when H is not positive
-    definite or the problem not finite.
+    ``marks`` contains the rows that are likely active; after a solution, the active rows. Violated rows are added.
+    Returns the residual of ``kkt_residual``; infinity when a general solver is required; NaN when H is not positive
+    definite or the problem is not finite.
     """
     qp, work = problem.record.qp, problem.record.work
     residual = free_minimum(qp, work, z) if all_finite(qp) else np.nan
@@ -124,7 +124,7 @@ def solve_few(problem: Unboxed[Prepared], z: Array) -> float:
 
 @njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
 def free_minimum(qp: QP, work: Workspace, z: Array) -> float:
-    """Minimiser of the cost alone, by Cholesky factors, and its KKT residual; NaN when H is not positive definite."""
+    """Compute the unconstrained minimiser by Cholesky; returns its KKT residual, NaN if H is not positive definite."""
     hessian, gradient, factor, shift = qp.hessian, qp.gradient, work.factor, work.shift
     nz = hessian.shape[0]
     for i in range(nz):
@@ -157,7 +157,7 @@ def free_minimum(qp: QP, work: Workspace, z: Array) -> float:
 
 @njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
 def mark_violated(qp: QP, z: Array, tolerance: float, marks: Flags) -> int:
-    """Add the rows that a point violates by more than ``tolerance (1 + |value|)`` to ``marks``; returns the number."""
+    """Mark the rows that z violates by more than ``tolerance (1 + |value|)``; returns their number."""
     count = 0
     for i in range(qp.matrix.shape[0]):
         value = 0.0
@@ -172,7 +172,7 @@ def mark_violated(qp: QP, z: Array, tolerance: float, marks: Flags) -> int:
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def _whiten(qp: QP, work: Workspace) -> int:
-    """Marked rows in the coordinates ``w = L' z``, in which H is the identity: ``a' L^-T``; returns their number."""
+    """Transform the marked rows to ``w = L' z``, in which H is the identity: ``a' L^-T``; returns their number."""
     factor, count = work.factor, 0
     for row in range(qp.lower.shape[0]):
         if not work.marks[row]:
@@ -205,9 +205,9 @@ def _active_rows(rows: Array, bounds: Array, shift: Array, sides: NDArray[np.int
 
     .. math:: w = -s - A^T u, \quad A_a A_a^T u_a = -A_a s - b_a
 
-    The most violated row is added: its multiplier grows and those of the active rows change, until the row is satisfied
-    or one of them vanishes and its row is dropped. Only products of the rows A (k, nz) are needed, which are few.
-    ``dual``, u, is positive at an upper bound; returns False when rows are nearly dependent or contradict each other.
+    Each iteration adds the most violated row. Its multiplier grows and the multipliers of the active rows change, until
+    the row is satisfied, or an active multiplier vanishes and its row is dropped. Only inner products of the few rows A
+    (k, nz) are needed. ``dual`` is u, positive at an upper bound. Returns False if rows are dependent or inconsistent.
 
     Goldfarb, Idnani: A numerically stable dual method for solving strictly convex quadratic programs (1983).
     """
@@ -223,7 +223,7 @@ def _active_rows(rows: Array, bounds: Array, shift: Array, sides: NDArray[np.int
             for i in range(nz):
                 total += rows[a, i] * rows[b, i]
             gram[a, b] = gram[b, a] = total
-    value, size, ratio = free.copy(), np.zeros(k), np.empty(k)  # size: of the multipliers
+    value, size, ratio = free.copy(), np.zeros(k), np.empty(k)  # size: magnitude of the multipliers
     sides[:] = 0
     added = -1
     for _ in range(_CHANGES):
@@ -234,7 +234,7 @@ def _active_rows(rows: Array, bounds: Array, shift: Array, sides: NDArray[np.int
             side = 1 if value[added] > bounds[1, added] else -1
             excess = value[added] - bounds[1, added] if side > 0 else bounds[0, added] - value[added]
             size[added] = 0.0
-        # ratio: by how much the multipliers of the active rows shrink for each unit of the new one
+        # ratio: decrease of the multipliers of the active rows per unit of the new multiplier
         if not _solve_active(gram, side * gram[added], sides, ratio):
             return False
         left, until, blocking = gram[added, added], np.inf, -1
@@ -267,7 +267,7 @@ def _active_rows(rows: Array, bounds: Array, shift: Array, sides: NDArray[np.int
 
 @njit(cache=True)
 def _most_violated(value: Array, bounds: Array, sides: NDArray[np.int8]) -> int:
-    """The inactive row that is violated most, beyond rounding; -1 for none."""
+    """Most violated inactive row, beyond rounding; -1 if there is none."""
     found, most = -1, 0.0
     for a in range(value.shape[0]):
         if sides[a] == 0:
@@ -279,7 +279,7 @@ def _most_violated(value: Array, bounds: Array, sides: NDArray[np.int8]) -> int:
 
 @njit(cache=True)
 def _multipliers_of_active(gram: Array, free: Array, bounds: Array, sides: NDArray[np.int8], dual: Array) -> bool:
-    """Multipliers for the active rows at their bounds, solved anew so that rounding of the steps does not add up."""
+    """Solve for the multipliers of the active rows at their bounds, without the rounding errors of the iterations."""
     right = np.zeros(free.shape[0])
     for a in range(free.shape[0]):
         if sides[a] != 0:
@@ -289,7 +289,7 @@ def _multipliers_of_active(gram: Array, free: Array, bounds: Array, sides: NDArr
 
 @njit(cache=True)
 def _solve_active(gram: Array, right: Array, sides: NDArray[np.int8], out: Array) -> bool:
-    """Solve ``gram out = right`` for the active rows, zero elsewhere; returns whether they are independent."""
+    """Solve ``gram out = right`` for the active rows; zero elsewhere. Returns whether the rows are independent."""
     k = right.shape[0]
     active, lower, solved = np.empty(k, dtype=np.int64), np.empty((k, k)), np.empty(k)
     count = 0
@@ -322,10 +322,10 @@ def _solve_active(gram: Array, right: Array, sides: NDArray[np.int8], out: Array
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def kkt_residual(qp: QP, z: Array, multipliers: Array) -> float:
-    """Largest of stationarity, primal violation, wrong multiplier sign and complementarity; NaN for no solution.
+    """Maximum of the residuals of stationarity, primal feasibility and complementarity; NaN if z is not finite.
 
-    Multipliers y (m,) are positive at an upper bound, negative at a lower one; with the largest entries, stationarity
-    is |H z + f + A' y| / (1 + |H z| + |f| + |A' y|).
+    Multipliers y (m,) are positive at an upper bound and negative at a lower one. With maximum norms, the residual of
+    stationarity is |H z + f + A' y| / max(1, |H z|, |f|, |A' y|).
     """
     nz, m = z.shape[0], qp.matrix.shape[0]
     worst, scale, largest = 0.0, 1.0, 1.0

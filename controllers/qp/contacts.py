@@ -5,23 +5,23 @@ vector ``z`` that satisfies the six floating-base rows and the contact rows for 
 
     a = N z + a0,    w_i = P_i z + p_i
 
-Only the base and the joints between it and the contacts enter the contact rows ``J_i a + drift_i = a_i*``, and each
-foot-to-base adjoint ``X_i`` (6, 6), the base block of ``J_i``, is invertible, so
+Only the base and the joints between base and contacts enter the contact rows ``J_i a + drift_i = a_i*``. Each
+foot-to-base adjoint ``X_i`` (6, 6), the base block of ``J_i``, is invertible. Therefore:
 
-* no contact:  z = joint accelerations; the base follows from its dynamics rows;
-* k contacts:  the joints between base and contacts keep the null space of the k - 1 loop closures
+* no contact:  z is the joint accelerations; the base follows from its dynamics rows;
+* k contacts:  the joints between base and contacts move in the null space of the k - 1 loop closures
                ``X_1^-1 J_1 a = X_i^-1 J_i a`` (Householder reflections); the base follows from the first contact; the
-               wrenches share the base wrench ``b`` up to k - 1 free internal wrenches ``phi``:
+               wrenches share the base wrench ``b``, up to k - 1 free internal wrenches ``phi``:
                ``w_i = X_i^-T (b/k + phi_i)`` with ``phi_k = -(phi_1 + ... + phi_k-1)``.
 
-Legs that cannot turn their soles about the vertical keep the heading of the base above each planted sole by themselves:
-the last row of the closures depends on the others there, and is left out.
+Legs that cannot turn their soles about the vertical fix the heading of the base relative to each planted sole. The last
+row of each closure then depends on the others and is omitted.
 
-A sole on its edge turns freely about it: ``J_i a + drift_i = a_i* + e_i s_i`` with the twist ``e_i`` of that rotation
-and one more unknown ``s_i``, which takes part like a joint between the ground and the sole. That there is no moment
-about the edge is a row of the wrench cone.
+A sole on its edge turns freely about the edge: ``J_i a + drift_i = a_i* + e_i s_i``, where ``e_i`` is the twist of the
+rotation and ``s_i`` an additional unknown, like a joint between ground and sole. A row of the wrench cone sets the
+moment about the edge to zero.
 
-``z`` is ordered: joints outside of the contact chains, coordinates of the chains and edges, ``phi``.
+The order in ``z`` is: joints outside the contact chains, coordinates of the chains and edges, ``phi``.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ from models.numerics.compiled import njit
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-PIVOT_FLOOR = 1e-6  #: Pivot of a loop closure below which a row counts as dependent, as with both knees straight [-]
+PIVOT_FLOOR = 1e-6  #: Pivot of a loop closure below which a row is dependent, as with both knees straight [-]
 
 
 class Reduction(NamedTuple):
@@ -45,8 +45,8 @@ class Reduction(NamedTuple):
 
     active: Index  #: Indices of the active contacts (k,)
     core: Index  #: Velocity indices of the base, then of the joints between base and active contacts (n,)
-    upper: Index  #: The other velocity indices (nv - n,)
-    closing: Index  #: Rows of each loop closure, directions of the base twist (r,)
+    upper: Index  #: Other velocity indices (nv - n,)
+    closing: Index  #: Rows of each loop closure, as components of the base twist (r,)
     basis: Array  #: N (nv, na)
     start: Array  #: a0 (nv,)
     maps: Array  #: P of all contacts, zero where inactive (contacts, 6, nz)
@@ -54,10 +54,10 @@ class Reduction(NamedTuple):
 
 
 class Edges(NamedTuple):
-    """Contacts that turn about an edge, or about a corner with both axes free."""
+    """Contacts that turn about an edge, or about a corner when both axes are free."""
 
-    free: NDArray[np.bool_]  #: Whether a contact turns freely about its x and about its y axis (contacts, 2)
-    pivots: Array  #: Point of each contact that is held, in its frame; zero where the contact is flat (contacts, 2) [m]
+    free: NDArray[np.bool_]  #: Whether a contact turns freely about its x and y axes (contacts, 2)
+    pivots: Array  #: Fixed point of each contact in its frame; zero for a flat contact (contacts, 2) [m]
 
 
 def make_reduction(
@@ -67,7 +67,7 @@ def make_reduction(
     turns: int = 0,
     closing: Sequence[int] = range(6),
 ) -> Reduction:
-    """Memory for some active contacts, which turn freely about ``turns`` axes altogether.
+    """Allocate the reduction for a set of active contacts with a total of ``turns`` free axes.
 
     ``chains`` are velocity indices of the joints from base to contact, ``closing`` the independent rows of a closure.
     """
@@ -90,12 +90,12 @@ def make_reduction(
 
 
 class ContactGains(NamedTuple):
-    """Gains of the contact feedback ``clip(stiffness * error - damping * twist)``; arrays by component (6,)."""
+    """Gains of the contact feedback ``clip(stiffness * error - damping * twist)``; arrays per component (6,)."""
 
     stiffness: Array  #: [1/s^2]
     damping: Array  #: [1/s]
     largest: Array  #: Bound of the acceleration [m/s^2, rad/s^2]
-    wrench_scale: float  #: Unit of phi, so that all of z has similar size [N]
+    wrench_scale: float  #: Unit of phi, so that the entries of z have similar magnitude [N]
 
 
 @njit(cache=True, forceinline=True)
@@ -108,10 +108,10 @@ def eliminate(
     desired: Array,
     reduction: Reduction,
 ) -> None:
-    """Fill the reduction of the active contacts, which are the first frames of ``terms``.
+    """Compute the reduction of the active contacts; the contacts are the first frames of ``terms``.
 
-    ``rotations`` (contacts, 3, 3) and ``positions`` (contacts, 3) are desired ones in W; out is also ``desired``, the
-    acceleration of each contact in its frame (contacts, 6).
+    ``rotations`` (contacts, 3, 3) and ``positions`` (contacts, 3) are the desired poses in W. Also writes ``desired``,
+    the desired acceleration of each contact in its frame (contacts, 6).
     """
     for contact in range(desired.shape[0]):
         pose, twist, out = terms.poses[contact], terms.twists[contact], desired[contact]
@@ -127,7 +127,7 @@ def hold_contact(
 ) -> None:
     """Bounded acceleration that returns a contact to its desired pose, in its frame (6,) [m/s^2, rad/s^2].
 
-    The feedback is of the ``pivot`` (2,) [m], and moved to the contact's origin: ``a = a_p + p x alpha - w x (w x p)``.
+    The feedback acts at the ``pivot`` (2,) [m]; at the contact's origin, ``a = a_p + p x alpha - w x (w x p)``.
     """
     pose_error(pose, rotation, position, out)
     px, py = pivot
@@ -152,7 +152,7 @@ def hold_contact(
 
 @njit(cache=True, forceinline=True)
 def _reduce_accelerations(terms: Dynamics, desired: Array, edges: Edges, inverses: Array, reduction: Reduction) -> None:
-    """Fill ``a = N z + a0``, and ``X_i^-1`` of each active contact (k, 6, 6)."""
+    """Compute ``a = N z + a0`` and ``X_i^-1`` of each active contact (k, 6, 6)."""
     basis, start, upper = reduction.basis, reduction.start, reduction.upper
     joints, count = reduction.core[6:], reduction.active.shape[0]
     nu, used = upper.shape[0], joints.shape[0]
@@ -223,7 +223,7 @@ def _reduce_accelerations(terms: Dynamics, desired: Array, edges: Edges, inverse
 
 @njit(cache=True, forceinline=True, fastmath={"contract"})
 def _reduce_wrenches(terms: Dynamics, scale: float, inverses: Array, reduction: Reduction) -> None:
-    """Fill ``w_i = P_i z + p_i`` from the floating-base rows; ``scale`` is that of phi [N]."""
+    """Compute ``w_i = P_i z + p_i`` from the floating-base rows; ``scale`` is the unit of phi [N]."""
     maps, offsets = reduction.maps, reduction.offsets
     count, na = reduction.active.shape[0], reduction.basis.shape[1]
     maps[:, :, :] = 0.0
@@ -253,10 +253,10 @@ def _reduce_wrenches(terms: Dynamics, scale: float, inverses: Array, reduction: 
 
 @njit(cache=True, forceinline=True, fastmath={"contract"})
 def reduce_row(row: Array, scale: float, reduction: Reduction, out: Array) -> float:
-    """``out[:na] = scale row N``; returns ``scale row a0``.
+    """Compute ``out[:na] = scale row N``; returns ``scale row a0``.
 
-    The rows of N outside of the core are unit vectors, and a0 is zero there; with a contact, the core depends on the
-    coordinates of the chains alone. So most of the product need not be formed.
+    Outside the core, the rows of N are unit vectors and a0 is zero. With a contact, the core depends only on the
+    coordinates of the chains. Most of the product is therefore skipped.
     """
     basis, start, upper = reduction.basis, reduction.start, reduction.upper
     nu, na = upper.shape[0], basis.shape[1]
@@ -278,7 +278,7 @@ def reduce_row(row: Array, scale: float, reduction: Reduction, out: Array) -> fl
 
 @njit(cache=True)
 def _adjoint_inverse(jacobian: Array, out: Array) -> None:
-    """Inverse of the base block ``X = [R', -R'[p]x; 0, R']`` of a contact Jacobian, by its structure (6, 6)."""
+    """Inverse (6, 6) of the base block ``X = [R', -R'[p]x; 0, R']`` of a contact Jacobian, by its structure."""
     for i in range(3):
         for j in range(3):
             out[i, j] = jacobian[j, i]
@@ -295,7 +295,7 @@ def _adjoint_inverse(jacobian: Array, out: Array) -> None:
 
 @njit(cache=True)
 def _null_space(constraint: Array, right: Array, basis: Array, particular: Array, floor: float) -> None:
-    """Least-norm solution and orthonormal null space of ``C y = r``, C (m, n) overwritten, m < n, by Householder."""
+    """Least-norm solution and orthonormal null space of ``C y = r`` by Householder; overwrites C (m, n), m < n."""
     m, n = constraint.shape
     reflectors = np.zeros((m, n))
     factor = np.zeros((m, m))
@@ -350,7 +350,7 @@ def _null_space(constraint: Array, right: Array, basis: Array, particular: Array
 
 @njit(cache=True)
 def _solve_base(mass_matrix: Array, right: Array) -> None:
-    """``right = M_bb^-1 right`` (6, k) in place, with the base block of M."""
+    """Compute ``right = M_bb^-1 right`` (6, k) in place, with the base block of M."""
     factor = mass_matrix[:6, :6].copy()
     factorise(factor)
     solve_factored(factor, right)

@@ -1,4 +1,4 @@
-"""Solves the reduced QP by a chosen back-end, checks the KKT residual of every answer, and falls back in order."""
+"""Solves the reduced QP by a configured back-end, checks the KKT residual of each solution, and falls back in order."""
 
 from time import perf_counter
 from typing import Any
@@ -20,25 +20,25 @@ Index = NDArray[np.int64]
 OWN, DAQP = "own", "daqp"
 
 _HARD, _SOFT = 0, 8  #: Kinds of rows of daqp
-_INFEASIBLE = -1  #: Exit flag of daqp: the rows contradict each other
+_INFEASIBLE = -1  #: Exit flag of daqp: infeasible
 _OPTIMAL = (1, 2)  #: Exit flags of daqp: optimal, optimal with violated soft rows
-#: Largest KKT residual of an answer of the own solver; problems with nearly dependent rows are left to daqp [-]
+#: Largest accepted KKT residual of the own solver; daqp solves problems with nearly dependent rows [-]
 _EXACT = 1e-9
-INFINITE = 1e20  #: Bounds at least this large are infinite: ``UNBOUNDED`` divided by the scale of a row stays above it
+INFINITE = 1e20  #: Magnitude from which a bound is infinite; ``UNBOUNDED`` over the scale of a row is larger
 TOLERANCE = 0.01  #: Tolerance of a back-end of qpsolvers, relative to the largest accepted residual [-]
 _SPARSE = ("osqp", "clarabel")  #: Back-ends of qpsolvers that work on sparse matrices
 
 
 class Solution(Struct, frozen=True):
-    """Answer of one solve."""
+    """Result of one solve."""
 
-    z: Vector | None  #: Minimiser (nz,), or None when no solver found one
-    status: SolveStatus  #: How it was found; ``HELD`` when none was
-    residual: float  #: Scaled KKT residual; NaN when there is no answer
+    z: Vector | None  #: Minimiser (nz,); None when no solver found one
+    status: SolveStatus  #: Solver that found it; ``HELD`` without a solution
+    residual: float  #: Scaled KKT residual; NaN without a solution
     time: float  #: Wall-clock duration of the solve [s], for reports only
 
 
-Answer = tuple[Vector | None, float]  #: Minimiser, None without one, and its KKT residual
+Answer = tuple[Vector | None, float]  #: Minimiser (None without a solution) and KKT residual
 _NO_ANSWER: Answer = (None, float("nan"))
 
 
@@ -61,16 +61,16 @@ def solver_options(backend: str, tolerance: float) -> dict[str, Any]:
 
 
 class QPSolver:
-    """Solve, check the KKT conditions, fall back in order.
+    """Solves a QP, checks the KKT conditions and falls back in this order:
 
     1. The back-end. The own solver tries the unconstrained minimum, then the minimum subject to the rows that were
-       active on the last tick and those that its answers violate: few of a hundred rows are ever active.
-    2. daqp, then quadprog.
+       active in the last tick and those that its iterates violate. Few of about a hundred rows are active.
+    2. daqp, then quadprog if daqp does not report infeasibility.
     3. daqp with soft rows: joint limits and the bounds of normal forces are relaxed at the cost
-       ``|violation|^2 / (2 rho)``, torque limits and the other rows of the wrench cones stay hard.
+       ``|violation|^2 / (2 rho)``; torque limits and the other rows of the wrench cones remain hard.
 
-    ``residual_max`` is the largest accepted KKT residual, ``iterations_max`` and ``soft_rho`` are of daqp, ``backend``
-    is one of ``backends()``, which a ``ConfigError`` lists.
+    ``residual_max`` is the largest accepted KKT residual; ``iterations_max`` and ``soft_rho`` are options of daqp;
+    ``backend`` is one of ``backends()``. Raises ``ConfigError``, which lists them, for any other.
     """
 
     def __init__(self, residual_max: float, iterations_max: int, soft_rho: float, backend: str = OWN) -> None:
@@ -91,11 +91,11 @@ class QPSolver:
             self.solve(qp)
 
     def prepare(self, qp: QP) -> None:
-        """Register a problem whose arrays every tick overwrites, so that ``solve`` does not have to unbox it."""
+        """Unbox a problem whose arrays every tick overwrites, so that ``solve`` does not unbox it again."""
         self._prepared[id(qp)] = qp, *self._unbox(qp)
 
     def _unbox(self, qp: QP) -> tuple[Workspace, Unboxed[Prepared]]:
-        """A problem with the memory for its size, for compiled code."""
+        """Workspace for the size of a problem, and the problem for compiled code."""
         work = self._workspaces.get(qp.matrix.shape) or make_workspace(qp)
         self._workspaces[qp.matrix.shape] = work
         return work, unbox(Prepared(qp, work))
@@ -106,13 +106,13 @@ class QPSolver:
             work.marks[:] = False
 
     def solve(self, qp: QP) -> Solution:
-        """Solve one QP; never raises, a failure is in the status."""
+        """Solve one QP. Does not raise; the status reports a failure."""
         start = perf_counter()
         z, status, residual = self._solve(qp)
         return Solution(z, status, residual, perf_counter() - start)
 
     def _solve(self, qp: QP) -> tuple[Vector | None, SolveStatus, float]:
-        if self._backend == OWN:  # refuses NaN and infinity itself
+        if self._backend == OWN:  # includes a check for NaN and infinity
             z, residual = self._few_rows(qp)
             if z is not None:
                 return z, SolveStatus.OPTIMAL, residual
@@ -165,7 +165,7 @@ class QPSolver:
         return *self._checked(qp, z, multipliers), False
 
     def _call_daqp(self, qp: QP, sense: NDArray[np.int32], **options: float) -> tuple[Vector, int, Vector]:
-        """Minimiser, exit flag and multipliers of rows of these kinds."""
+        """Minimiser, exit flag and multipliers for rows of the kinds ``sense``."""
         rows = qp.matrix, qp.upper, qp.lower, sense
         z, _, flag, info = daqp.solve(qp.hessian, qp.gradient, *rows, iter_limit=self._iterations, **options)
         return z, flag, info["lam"]
@@ -183,26 +183,26 @@ class QPSolver:
 
     def _relaxed(self, qp: QP) -> Answer:
         sense = np.where(qp.soft, _SOFT, _HARD).astype(np.int32)
-        crossed = qp.soft & (qp.lower > qp.upper)  # rows that contradict themselves
+        crossed = qp.soft & (qp.lower > qp.upper)  # rows with inconsistent bounds
         lower, upper = qp.lower.copy(), qp.upper.copy()
         lower[crossed] = upper[crossed] = 0.5 * (lower[crossed] + upper[crossed])
         z, flag, multipliers = self._call_daqp(qp._replace(lower=lower, upper=upper), sense, rho_soft=self._rho)
         if flag not in _OPTIMAL or not np.isfinite(z).all():
             return _NO_ANSWER
-        # The answer is optimal for soft bounds moved to the values of their rows, and unchanged hard bounds.
+        # The solution is optimal for unchanged hard bounds and soft bounds moved to the values of their rows.
         values = qp.matrix @ z
         lower = np.where(qp.soft, np.minimum(lower, values), lower)
         upper = np.where(qp.soft, np.maximum(upper, values), upper)
         return self._checked(qp._replace(lower=lower, upper=upper), z, multipliers)
 
     def _checked(self, qp: QP, z: Vector, multipliers: Vector) -> Answer:
-        """The answer with its residual, or no answer when the residual is too large."""
+        """Return the solution and its residual, or no solution when the residual is too large."""
         residual = kkt_residual(qp, z, multipliers)
         return (z, residual) if residual < self._residual_max else _NO_ANSWER
 
 
 def to_qpsolvers(qp: QP, backend: str) -> tuple[Any, Index, Index]:
-    """A ``qpsolvers.Problem``, and which rows of the QP its rows ``G z <= h`` are: upper bounds, then lower ones."""
+    """Convert to a ``qpsolvers.Problem``; also returns the indices of its rows: upper bounds, then lower ones."""
     import qpsolvers
 
     upper, lower = np.flatnonzero(qp.upper < INFINITE), np.flatnonzero(qp.lower > -INFINITE)

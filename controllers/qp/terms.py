@@ -22,12 +22,12 @@ Index = NDArray[np.int64]
 
 _WORLD = pin.Convention.WORLD
 
-TORSO, BASE = 2, 3  #: Indices of frames in the arrays of ``Dynamics``, after the soles 0 and 1
+TORSO, BASE = 2, 3  #: Indices of frames in the arrays of ``Dynamics``; the soles are 0 and 1
 FIRST_FRAMES = ("l_sole", "r_sole", "torso", "base_link")  #: Frames of every robot, by index
 
 
 class FrameTerms(NamedTuple):
-    """Terms of one frame F; all but the pose are expressed in F, linear part first."""
+    """Terms of a frame F, expressed in F except the pose, linear part first."""
 
     pose: Matrix  #: Homogeneous transform in W (4, 4)
     jacobian: Matrix  #: J_F (6, nv)
@@ -46,7 +46,7 @@ class FrameTerms(NamedTuple):
 
 
 class Dynamics(NamedTuple):
-    """Dynamics and frames for compiled code; see ``Terms``. Frames are stacked: (frames, ...)."""
+    """Dynamics and frames for compiled code; see ``Terms``. The first axis of the frame arrays is the frame."""
 
     q: Array
     v: Array
@@ -72,20 +72,20 @@ class Centroid(NamedTuple):
 
 
 class _Tree(NamedTuple):
-    """Inputs of the frames: Pinocchio's arrays of all joints, and the joint and placement of each frame."""
+    """Inputs of the frame terms: Pinocchio's arrays of all joints, and joint and placement of each frame."""
 
     jacobian: Array  #: (6, nv), world axes, linear part at the world's origin
     rotations: Array  #: (joints, 3, 3), in W
     positions: Array  #: (joints, 3), in W
-    linear: Array  #: (joints, 3), acceleration at zero generalised acceleration less gravity, in the joint
+    linear: Array  #: (joints, 3), acceleration at zero generalised acceleration minus gravity, in the joint
     angular: Array  #: (joints, 3)
     parents: Index  #: (frames,)
     placements: Array  #: (frames, 3, 4), in the parent joint
-    columns: Index  #: (frames, nv), velocities that move the frame, filled up with -1
+    columns: Index  #: (frames, nv), velocity indices that move the frame, padded with -1
 
 
 class ModelTerms(NamedTuple):
-    """All terms for compiled code, with the inputs of the frames."""
+    """All terms for compiled code, and the inputs of the frame terms."""
 
     dynamics: Dynamics
     centroid: Centroid
@@ -96,11 +96,11 @@ class ModelTerms(NamedTuple):
 class Terms:
     """Dynamics, centroidal quantities and frames of the current state.
 
-    The arrays are always the same ones, overwritten by ``update``; those of the dynamics belong to Pinocchio. Frames
-    are read from the Jacobian, placements and accelerations of the joints that ``crba`` and ``nonLinearEffects`` leave
-    behind, so one more frame costs no further pass over the tree.
+    ``update`` overwrites the arrays in place; Pinocchio owns the arrays of the dynamics. Frame terms are computed from
+    the Jacobian, placements and accelerations of the joints, which are results of ``crba`` and ``nonLinearEffects``, so
+    an additional frame requires no further pass over the tree.
 
-    ``frames`` are further frames, names of the profile or of the URDF; ``ConfigError`` where neither has one.
+    ``frames`` are names of further frames, of the profile or the URDF. Raises ``ConfigError`` for an unknown name.
     """
 
     def __init__(self, model: RobotModel, frames: Sequence[str] = ()) -> None:
@@ -111,12 +111,12 @@ class Terms:
         ids |= {name: frame_id_of(model, name) for name in (*FIRST_FRAMES[len(ids) :], *frames)}
         count = len(ids)
         self.q, self.v = np.zeros(model.nq), np.zeros(nv)
-        # Pinocchio's arrays stay where they are; M is symmetric, and its transpose has contiguous rows.
+        # Pinocchio does not reallocate these arrays. M is symmetric, and its transpose has contiguous rows.
         self.mass_matrix: Matrix = data.M.T  #: M with rotor inertia (nv, nv)
         self.bias: Vector = data.nle  #: Coriolis and gravity (nv,)
-        self.joint_jacobian: Matrix = data.J  #: Of all joints: axes of W, linear part at its origin (6, nv)
+        self.joint_jacobian: Matrix = data.J  #: Jacobian of all joints in W, linear part at the origin of W (6, nv)
         self.base_rotation = np.eye(3)  #: R_WB (3, 3)
-        #: In W [m, m/s, m/s^2]; ``momentum`` is the angular one about the CoM, drifts are rates at zero acceleration
+        #: In W [m, m/s, m/s^2]; ``momentum`` is angular, about the CoM; drifts are rates at zero acceleration
         self.com, self.com_velocity, self.com_drift = np.zeros(3), np.zeros(3), np.zeros(3)
         self.momentum, self.momentum_drift = np.zeros(3), np.zeros(3)
         self.com_jacobian, self.momentum_matrix = np.zeros((3, nv)), np.zeros((3, nv))
@@ -147,34 +147,34 @@ class Terms:
         )
         self.unboxed = unbox(ModelTerms(self.dynamics, centroid, tree, model.mass))  #: All terms, for compiled code
         motion = BodyMotion(self.com, self.com_velocity, poses[: len(model.feet)], twists[: len(model.feet)])
-        self.motion = unbox(motion)  #: Of CoM and soles, for a gait
+        self.motion = unbox(motion)  #: Motion of CoM and soles, for a gait
 
     def update(self, state: RobotState) -> None:
-        """Evaluate everything at one state; the arrays of this object are overwritten."""
+        """Evaluate all terms at a state and overwrite the arrays of this object."""
         self.q[:] = state.q
         self.v[:] = state.v
         self.call_pinocchio()
         _update(self.unboxed)
 
     def call_pinocchio(self) -> None:
-        """Run only the Pinocchio algorithms of ``update`` (the benchmark times them alone)."""
+        """Run only the Pinocchio algorithms of ``update``; used by the benchmark."""
         pin.crba(self._pin, self._data, self.q, _WORLD)  # also J and the placements of the joints
         pin.nonLinearEffects(self._pin, self._data, self.q, self.v)  # also the accelerations of the bodies at zero a
 
     def place(self, geometry: pin.GeometryModel, data: pin.GeometryData) -> None:
-        """Place shapes as the joints are."""
+        """Update the placements of shapes from the placements of the joints."""
         pin.updateGeometryPlacements(self._pin, self._data, geometry, data)
 
 
 def frame_id_of(model: RobotModel, name: str) -> int:
-    """Pinocchio's id of a frame by its name in the profile, or else in the URDF; ``ConfigError`` when there is none."""
+    """Pinocchio's id of a frame by its name in the profile, or in the URDF; ``ConfigError`` for an unknown name."""
     try:
         return model.frame_id(name)
     except ConfigError as error:
         found = [index for index, frame in enumerate(model.pin.frames) if frame.name == name]
         if not found:
             raise ConfigError(f"{error}; the URDF has none of that name either") from error
-        return found[-1]  # a link's frame comes after that of its joint
+        return found[-1]  # the frame of a link comes after the frame of its joint
 
 
 def _placement_views(placements: pin.StdVec_SE3) -> tuple[Array, Array]:
@@ -196,12 +196,12 @@ def _motion_views(motions: pin.StdVec_Motion) -> tuple[Array, Array]:
 
 
 def _stride(first: Array, second: Array) -> int:
-    """Distance of two neighbouring elements in memory [bytes]."""
+    """Distance of two adjacent elements in memory [bytes]."""
     return int(second.__array_interface__["data"][0] - first.__array_interface__["data"][0])
 
 
 def _columns(robot: pin.Model, parents: Sequence[int]) -> Index:
-    """Velocity indices of the joints that move each frame, filled up with -1 (frames, nv)."""
+    """Velocity indices of the joints that move each frame, padded with -1 (frames, nv)."""
     columns = np.full((len(parents), robot.nv), -1, dtype=np.int64)
     for row, parent in zip(columns, parents, strict=True):
         joint, used = parent, 0
@@ -214,7 +214,7 @@ def _columns(robot: pin.Model, parents: Sequence[int]) -> Index:
 
 @njit(cache=True)
 def finite_state(q: Array, v: Array) -> bool:
-    """Whether a configuration (nq,) and a velocity (nv,) hold neither NaN nor infinity."""
+    """Whether a configuration (nq,) and a velocity (nv,) are finite."""
     total = 0.0
     for i in range(q.shape[0]):
         total += q[i]
@@ -225,7 +225,7 @@ def finite_state(q: Array, v: Array) -> bool:
 
 @njit(cache=True)
 def _update(model: Unboxed[ModelTerms]) -> None:
-    """Fill the terms whose ``q`` and ``v`` Pinocchio has been called with."""
+    """Compute all terms from the results of Pinocchio for ``q`` and ``v``."""
     dynamics, centroid, tree = model.record.dynamics, model.record.centroid, model.record.tree
     quaternion_matrix(dynamics.q[3:7], centroid.base_rotation)
     _centroidal_terms(dynamics, centroid, model.record.mass, GRAVITY)
@@ -243,8 +243,8 @@ def frame_of(dynamics: Dynamics, frame: int) -> FrameTerms:
 def _frame_terms(terms: Dynamics, tree: _Tree, frame: int, gravity: float) -> None:
     """Pose, Jacobian, twist and drift of one frame.
 
-    With ``A`` the spatial acceleration of the joint that moves the frame, at zero generalised acceleration and with
-    gravity as an upward acceleration of the base (what ``nonLinearEffects`` leaves behind), all in the frame::
+    ``A`` is the spatial acceleration of the joint that moves the frame, at zero generalised acceleration and with
+    gravity as an upward acceleration of the base, as computed by ``nonLinearEffects``; all in the frame::
 
         drift = X^-1 A + (w x v, 0) - (R' g, 0)
     """
@@ -278,7 +278,7 @@ def _frame_terms(terms: Dynamics, tree: _Tree, frame: int, gravity: float) -> No
             jacobian[3 + row, column] = turn
             twist[row] += up * rate
             twist[3 + row] += turn * rate
-    # Acceleration at the frame's origin, still in the joint's axes: a + alpha x p.
+    # Acceleration at the origin of the frame, in the axes of the joint: a + alpha x p.
     linear, angular = tree.linear[joint], tree.angular[joint]
     cx = linear[0] + angular[1] * offset[2, 3] - angular[2] * offset[1, 3]
     cy = linear[1] + angular[2] * offset[0, 3] - angular[0] * offset[2, 3]
@@ -295,7 +295,7 @@ def _frame_terms(terms: Dynamics, tree: _Tree, frame: int, gravity: float) -> No
 def _centroidal_terms(terms: Dynamics, out: Centroid, mass: float, gravity: float) -> None:
     """CoM and centroidal angular momentum from the free-flyer rows of the dynamics.
 
-    With ``f = M[:3] a + h[:3]`` and ``n = M[3:6] a + h[3:6]`` the contact force and moment at the base origin in B::
+    The contact force and moment at the base origin in B are ``f = M[:3] a + h[:3]`` and ``n = M[3:6] a + h[3:6]``::
 
         c'' = R f / m + g,    L' = R (n - c_B x f)
     """
@@ -334,7 +334,7 @@ def _centroidal_terms(terms: Dynamics, out: Centroid, mass: float, gravity: floa
 
 @njit(cache=True)
 def pose_error(pose: Array, rotation: Array, position: Array, out: Array) -> None:
-    """Position and rotation from a pose (4, 4) to a desired rotation (3, 3) and origin (3,), in its frame (6,)."""
+    """Position and rotation error (6,) from a pose (4, 4) to a desired rotation (3, 3) and origin (3,), in its frame."""
     for i in range(3):
         total = 0.0
         for k in range(3):
@@ -345,7 +345,7 @@ def pose_error(pose: Array, rotation: Array, position: Array, out: Array) -> Non
 
 @njit(cache=True)
 def follow_pose(rotation: Array, position: Array, pose: Array, share: float) -> None:
-    """Move a stored rotation (3, 3) and position (3,) a share of the way to a measured pose (4, 4), in place."""
+    """Move a rotation (3, 3) and position (3,) in place towards a pose (4, 4), by a share of the distance [-]."""
     turn, step, old = np.zeros(3), np.empty((3, 3)), rotation.copy()
     rotation_error(rotation, pose, turn)
     for i in range(3):

@@ -176,7 +176,7 @@ class BlackBox:
         mode: Mode,
         stamp: int | None = None,
     ) -> None:
-        """Store the tick of a stamp [ns] unless sealed or half a period early; without ``sensors``, use the estimate."""
+        """Store the tick of a stamp [ns] unless sealed or half a period early; ``sensors`` default to the estimate."""
         t = state.t
         if self._checkpoints is not None and not self._count:
             self._checkpoints.prepare()
