@@ -334,7 +334,7 @@ def _centroidal_terms(terms: Dynamics, out: Centroid, mass: float, gravity: floa
 
 @njit(cache=True)
 def pose_error(pose: Array, rotation: Array, position: Array, out: Array) -> None:
-    """Position and rotation error (6,) from a pose (4, 4) to a desired rotation (3, 3) and origin (3,), in its frame."""
+    """Position and rotation error (6,) of a pose (4, 4) from a rotation (3, 3) and origin (3,), in the pose's frame."""
     for i in range(3):
         total = 0.0
         for k in range(3):
