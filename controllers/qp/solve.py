@@ -61,7 +61,7 @@ def solver_options(backend: str, tolerance: float) -> dict[str, Any]:
 
 
 class QPSolver:
-    """Solves a QP, checks the KKT conditions and falls back in this order:
+    """Solves a QP, checks the KKT conditions and falls back in the order below.
 
     1. The back-end. The own solver tries the unconstrained minimum, then the minimum subject to the rows that were
        active in the last tick and those that its iterates violate. Few of about a hundred rows are active.
