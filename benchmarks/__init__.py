@@ -1,1 +1,1 @@
-"""Latency and stability, against peers and against the physical limit."""
+"""Benchmarks of latency and stability, compared with peers and with physical limits."""

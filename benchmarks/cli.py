@@ -1,4 +1,4 @@
-"""``poise bench``: one command for each benchmark of the catalogue, for all of them, and for their report."""
+"""``poise bench``: one command per benchmark of the catalogue, one for all benchmarks, and one for their report."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ResultsPath = Annotated[
 
 @contextmanager
 def open_sweep(workers: int, scheduler: str, results: Path | None) -> Iterator[Sweep]:
-    """Executor (this machine, or a dask ``scheduler``) and optional file of finished cases, closed with the context."""
+    """Open the executor (this machine or a dask ``scheduler``) and the optional file of finished cases as a context."""
     from benchmarks.core.harness import Sweep, make_executor
     from benchmarks.core.results import ResultsFile
 
@@ -52,7 +52,7 @@ def report_errors(console: Console) -> Iterator[None]:
 
 
 def _add_command(name: str, modes: Sequence[Listed]) -> None:
-    """Add the command of one benchmark, or of several that differ in ``--mode``; the first is the default."""
+    """Add the command of one benchmark, or of several that differ in ``--mode``; the first mode is the default."""
     first = modes[0].info
     choice = first.choice or "scenario"
     degrees = " (or degrees to the left)" if choice == "direction" else ""
@@ -159,7 +159,7 @@ def run_all(
     workers: Workers = 2,
     scheduler: Scheduler = "",
 ) -> None:
-    """All benchmarks: cases in JSON lines, a Markdown and an HTML report with plots; it goes on where it ended."""
+    """Run all benchmarks and write cases (JSON lines), a Markdown and an HTML report, and plots; a rerun resumes."""
     from benchmarks.core.results import writing
     from benchmarks.report.report_page import write_report
     from benchmarks.report.suite import CASES, parts_of, run_suite

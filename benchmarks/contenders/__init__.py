@@ -1,1 +1,1 @@
-"""Other controllers as contenders: policies in files."""
+"""Contenders other than poise: policies loaded from files."""

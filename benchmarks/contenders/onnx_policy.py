@@ -1,10 +1,10 @@
-r"""A policy in an ONNX file as a contender, with a YAML file of its observations, its action and its joint gains.
+r"""Contender that runs a policy from an ONNX file; a YAML file describes its observations, action and joint gains.
 
 .. math:: q^* = q_0 + s\, a, \quad \tau = k_p (q^* - q) - k_d \dot q
 
-with the action ``a`` of the network, at the policy's rate, and the PD in the joint drivers. Observations come from
-encoders, gyro and accelerometer alone; the orientation is that of the ``OrientationFilter``. docs/contenders.md has an
-example of the file.
+The network outputs the action ``a`` at the rate of the policy; the joint drivers run the PD law. Observations use only
+encoders, gyro and accelerometer; the orientation comes from ``OrientationFilter``. docs/contenders.md has an example
+of the file.
 """
 
 from collections import deque
@@ -30,35 +30,35 @@ Term = Literal[
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class PolicyJoint:
-    """A joint in the vectors of the policy."""
+    """Joint in the vectors of the policy."""
 
-    default: float  #: Its position at an action of 0, and where its observed position is 0 [rad]
-    kp: NonNegative  #: Gain of the driver [N.m/rad]
-    kd: NonNegative  #: Gain of the driver [N.m.s/rad]
-    scale: float = 1.0  #: Its target from the default, per action [rad]
+    default: float  #: Position at action 0, and zero of the observed position [rad]
+    kp: NonNegative  #: Position gain of the driver [N.m/rad]
+    kd: NonNegative  #: Velocity gain of the driver [N.m.s/rad]
+    scale: float = 1.0  #: Offset of the target from the default per unit of action [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Observation:
-    """A part of the network's input: the values of a term, times a scale."""
+    """Part of the network's input: the values of a term times a scale."""
 
     term: Term
-    scale: float | tuple[float, ...] = 1.0  #: For all values, or one for each
-    joints: tuple[str, ...] = ()  #: Of a term of joints: which, in this order; all of the policy when empty
+    scale: float | tuple[float, ...] = 1.0  #: One scale for all values, or one per value
+    joints: tuple[str, ...] = ()  #: Joints of a joint term, in this order; all joints of the policy when empty
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class PolicyConfig:
-    """The file of a policy."""
+    """Schema of a policy file."""
 
-    model: str  #: ONNX file, relative to this one; one input of observations, one output of actions
-    rate: Positive  #: Of the policy [Hz]
-    joints: dict[str, PolicyJoint]  #: In the order of the policy; the robot's others are held in its posture 'stand'
-    observations: tuple[Observation, ...]  #: In the order of the input
-    acts: tuple[str, ...] = ()  #: Joints of the action, in its order; all of the policy when empty
-    history: Count = 1  #: Samples in the input, at the policy's rate, the oldest first
-    stacked: Literal["terms", "samples"] = "terms"  #: Input: the history of each term, or the terms of each sample
-    period: Positive = 1.0  #: Of ``phase``: sine and cosine of 2 pi t / period [s]
+    model: str  #: ONNX file, relative to this file; one input of observations, one output of actions
+    rate: Positive  #: Rate of the policy [Hz]
+    joints: dict[str, PolicyJoint]  #: Joints in the order of the policy; other joints hold the posture 'stand'
+    observations: tuple[Observation, ...]  #: Observations in the order of the input
+    acts: tuple[str, ...] = ()  #: Joints of the action, in order; all joints of the policy when empty
+    history: Count = 1  #: Number of samples in the input, taken at the rate of the policy, oldest first
+    stacked: Literal["terms", "samples"] = "terms"  #: Input order: history of each term, or terms of each sample
+    period: Positive = 1.0  #: Period of the term ``phase``: sine and cosine of 2 pi t / period [s]
 
     def __post_init__(self) -> None:
         named = [*self.acts, *(name for each in self.observations for name in each.joints)]
@@ -75,24 +75,24 @@ class PolicyConfig:
         return self.acts or tuple(self.joints)
 
     def size(self, each: Observation) -> int:
-        """Number of values of a term."""
+        """Return the number of values of a term."""
         joints = len(each.joints or self.joints)
         sizes = {"joint_positions": joints, "joint_velocities": joints, "previous_action": len(self.acting), "phase": 2}
         return sizes.get(each.term, 3)
 
 
 class _Robot(NamedTuple):
-    """What the policy needs of its robot."""
+    """Properties of the robot that the policy uses."""
 
-    mount: Any  # rotation of the IMU in the base (3, 3)
-    places: dict[str, int]  # of the policy's joints in the robot's vectors
+    mount: Any  # rotation of the IMU in the base frame (3, 3)
+    places: dict[str, int]  # indices of the policy's joints in the robot's vectors
 
 
 class OnnxPolicy:
-    """Runs the policy at its rate and keeps its targets in between.
+    """Run the policy at its rate and hold its targets in between.
 
-    Raises ``ConfigError`` for a wrong file, without ``onnxruntime``, and for a network whose input or output has not
-    the size that the file says; ``reset`` for joints that the robot has not, or an IMU that is not on its base.
+    Raises ``ConfigError`` for an invalid file, if ``onnxruntime`` is missing, or if the sizes of the network do not
+    match the file. ``reset`` raises it if the robot lacks a joint, or if its IMU is not on the base.
     """
 
     torque_controlled = False
@@ -103,7 +103,7 @@ class OnnxPolicy:
         self._robot: _Robot | None = None
 
     def reset(self, model: RobotModel, seed: int) -> None:
-        """Start over; the robot stands, held."""
+        """Start over with the robot standing, held."""
         joints = self.config.joints
         try:
             places = {name: model.joint_index(name) for name in joints}
@@ -125,11 +125,11 @@ class OnnxPolicy:
         self._samples: deque[list[Vector]] = deque(maxlen=self.config.history)
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Velocity of the term ``command`` [m/s, m/s, rad/s]."""
+        """Set the velocity of the term ``command`` [m/s, m/s, rad/s]."""
         self._velocity = np.array((forward, left, turn))
 
     def step(self, sensors: SensorData, dt: float) -> JointCommand:
-        """Targets of the joints; ``PoiseError`` before ``reset``."""
+        """Return the joint targets; ``PoiseError`` before ``reset``."""
         if self._robot is None:
             raise PoiseError(f"{self._file}: step before reset")
         if self._filter is None:
@@ -142,14 +142,14 @@ class OnnxPolicy:
         if self._time * config.rate >= self._ticks - 1e-6:  # 1e-6: rounding of the time
             self._ticks += 1
             self._action = self._run(self._observe(sensors, self._robot, self._filter))
-            targets = self._command.q.copy()  # the last command may still be on its way
+            targets = self._command.q.copy()  # the last command may still be in use
             for name, value in zip(config.acting, self._action, strict=True):
                 targets[places[name]] = config.joints[name].default + config.joints[name].scale * value
             self._command = replace(self._command, q=targets)
         return self._command
 
     def _observe(self, sensors: SensorData, robot: _Robot, attitude: OrientationFilter) -> Vector:
-        """Input of the network (n,)."""
+        """Return the input of the network (n,)."""
         config = self.config
 
         def values(each: Observation) -> Vector:
@@ -174,7 +174,7 @@ class OnnxPolicy:
 
 
 def _session(file: Path, config: PolicyConfig) -> Any:
-    """The network as a function of its input (n,) to its output (m,)."""
+    """Load the network as a function from input (n,) to output (m,)."""
     try:
         import onnxruntime
     except ImportError as error:
@@ -183,7 +183,7 @@ def _session(file: Path, config: PolicyConfig) -> Any:
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     try:
         session = onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # its exceptions have no common class
+    except Exception as error:  # onnxruntime's exceptions have no common class
         raise ConfigError(f"{file}: model: {model} cannot be loaded: {error}") from error
     sizes = [config.size(each) for each in config.observations]
     terms = ", ".join(f"{each.term} {size}" for each, size in zip(config.observations, sizes, strict=True))

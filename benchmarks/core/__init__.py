@@ -1,1 +1,1 @@
-"""What every benchmark is built from: cases, sweeps, executors, results, figures of time."""
+"""Common parts of the benchmarks: cases, sweeps, executors, results, timing figures."""

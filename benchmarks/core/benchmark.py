@@ -1,7 +1,7 @@
-"""A benchmark: one class in one module, its settings and bounds in one YAML file, found by that file.
+"""Base class and catalogue of the benchmarks.
 
-``benchmarks/config/NAME.yaml`` with a section ``bench`` (``Info`` of each report) and a module ``NAME.py`` in a folder
-of ``benchmarks`` make a benchmark; docs/howto_benchmark.md shows a whole one.
+A benchmark consists of ``benchmarks/config/NAME.yaml``, with settings, bounds and a section ``bench`` (``Info`` of each
+report), and of one class in a module ``NAME.py`` in a folder of ``benchmarks``. Example: docs/howto_benchmark.md.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ T = TypeVar("T")
 
 ROOT = Path(__file__).resolve().parents[1]  #: Folder of the benchmarks
 SECTION = "bench"  #: Key of the descriptions in a benchmark's YAML file
-ROUNDING = 1e-9  #: Relative rounding error by which a figure may miss its bound [-]
+ROUNDING = 1e-9  #: Relative rounding error by which a figure may exceed its bound [-]
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """Range in which a figure must lie, in the figure's unit."""
+    """Permitted range of a figure, in the unit of the figure."""
 
     least: float = -math.inf
     most: float = math.inf
 
     def holds(self, figure: float) -> bool:
-        """Whether the figure lies within; NaN does not."""
+        """Whether the figure is in the range; false for NaN."""
         return bool(
             self.least - ROUNDING * abs(self.least) <= figure
             if math.isinf(self.most)
@@ -55,18 +55,18 @@ class Bound:
 
 
 def at_most(limits: Mapping[str, float]) -> dict[str, Bound]:
-    """Upper bounds by figure."""
+    """Return upper bounds by figure."""
     return {name: Bound(most=value) for name, value in limits.items()}
 
 
 def at_least(limits: Mapping[str, float]) -> dict[str, Bound]:
-    """Lower bounds by figure."""
+    """Return lower bounds by figure."""
     return {name: Bound(least=value) for name, value in limits.items()}
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Part:
-    """Part of a benchmark that a suite measures: robots, number of seeds, and scenarios (the usual ones if empty)."""
+    """Part of a benchmark that a suite runs: robots, number of seeds, and scenarios (the default ones if empty)."""
 
     robots: tuple[str, ...]
     seeds: Count = 1
@@ -77,16 +77,16 @@ class Part:
 class Info:
     """Description of a benchmark."""
 
-    about: str  #: Help text of its command
-    order: int = 1000  #: Place in the suites and in the report
-    command: str = ""  #: Name of the command when it differs from that of the report; several modes share one
-    mode: str = ""  #: Value of the option ``--mode`` that selects it
+    about: str  #: Help text of the command
+    order: int = 1000  #: Position in the suites and in the report
+    command: str = ""  #: Name of the command, if it is not the name of the report; several modes share one command
+    mode: str = ""  #: Value of ``--mode`` that selects this entry
     seeds: Count = 1  #: Default number of seeds
     choice: Literal["", "scenario", "direction"] = ""  #: Option that selects cases; none when empty
     contender: bool = False  #: Whether another controller can be tested
-    quick: Part | None = None  #: Part of ``poise bench all --quick``; left out when None
-    full: Part | None = None  #: Likewise, of ``--full``
-    #: Figures in the summary of the report, with their names in words
+    quick: Part | None = None  #: Part in ``poise bench all --quick``; left out when None
+    full: Part | None = None  #: Part in ``poise bench all --full``; left out when None
+    #: Figures in the summary of the report, with their description
     keys: dict[str, str] = field(default_factory=dict)
     figures: tuple[str, ...] = ()  #: Figures in the table of the report
     least: dict[str, float] = field(default_factory=dict)  #: Lower bounds of figures, in their units
@@ -94,34 +94,34 @@ class Info:
 
 
 class Benchmark(ABC):
-    """Cases, their measurement, figures, bounds and plots; ``name`` is that of its reports."""
+    """Cases, measurement, figures, bounds and plots of one benchmark; ``name`` is the name of its reports."""
 
-    #: Measures one case, given its inputs by name: a static method, since worker processes import it by name
+    #: Measures one case, given its inputs by name; a static method, because worker processes import it by name
     measure: ClassVar[Callable[..., Case]]
-    #: Whether cases are measured one after another in this process, without workers and progress bar (timing)
+    #: Whether cases run one after another in this process, without workers and progress bar, for timing
     alone: ClassVar[bool] = False
 
     def __init__(self, name: str) -> None:
         self.name = name
 
     def cases(self, options: Options) -> list[Case]:
-        """Inputs of every case, by default one a seed; ``ConfigError`` where the options name an unknown scenario."""
+        """Return the inputs of every case, by default one per seed; ``ConfigError`` for an unknown scenario."""
         return [{"robot": options.robot, "seed": seed} for seed in options.each_seed()]
 
     @abstractmethod
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Figures of the measured cases."""
+        """Compute the figures of the measured cases."""
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Bound of each figure that has one, by default ``least`` and ``most`` of its ``Info``.
+        """Return the bounds by figure, by default ``least`` and ``most`` of ``Info``.
 
-        One that the report lacks fails, unless the benchmark has scenarios to choose from: it may be of another one.
+        A bound without a figure fails, unless scenarios can be selected: other scenarios have other figures.
         """
         listed = catalogue().get(self.name)
         return at_least(listed.info.least) | at_most(listed.info.most) if listed else {}
 
     def judged(self, report: Report) -> list[tuple[bool, str]]:
-        """Whether each bound holds, and its figure in words."""
+        """Return, for each bound, whether it holds, and a text with bound and figure."""
         bounds, listed = self.bounds(report), catalogue().get(self.name)
         optional = listed is None or listed.info.choice == "scenario"
         figures = {
@@ -130,7 +130,7 @@ class Benchmark(ABC):
         return [(bounds[name].holds(value), f"{name} {bounds[name]}: {value:.4g}") for name, value in figures.items()]
 
     def notes(self, report: Report) -> list[str]:
-        """Remarks for the reader: by default one line for each bound."""
+        """Return remarks for the reader, by default one line per bound."""
         return [f"{'ok    ' if ok else 'FAILED'} {text}" for ok, text in self.judged(report)]
 
     def passed(self, report: Report) -> bool:
@@ -138,7 +138,7 @@ class Benchmark(ABC):
         return all(ok for ok, _ in self.judged(report))
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the report into a folder, by default every figure over its bound; returns the files written."""
+        """Plot the report into a folder, by default every figure over its bound; returns the files written."""
         from bridge.analysis.plots import new_figure
 
         bounds = {name: bound for name, bound in self.bounds(report).items() if name in report.figures}
@@ -159,17 +159,17 @@ class Benchmark(ABC):
         return [saved(figure, folder / f"{report.bench}-{report.stem}.png")]
 
     def survived(self, case: Case) -> tuple[str, bool] | None:
-        """Group of the case in the report's table of survival, and whether it survived; optional."""
+        """Return the group of the case in the survival table and whether it survived; None: not in the table."""
         return None
 
     def run(self, options: Options) -> Report:
-        """Measure and judge every case; ``ConfigError`` for an unknown option, ``WorkersError`` without workers."""
+        """Run and judge all cases; ``ConfigError`` for an unknown option, ``WorkersError`` without workers."""
         load = LoadMeter()
         results = run_cases(self.measure, self.cases(options), bench=self.name, options=options, alone=self.alone)
         return self.report(options, results, self.figures(results), load)
 
     def report(self, options: Options, cases: list[Case], figures: dict[str, float], load: LoadMeter) -> Report:
-        """The judged report of measured cases."""
+        """Build the judged report from measured cases."""
         found = Report(
             self.name, options.robot, options.seeds, figures, cases, False, load.read(), contender=options.contender
         )
@@ -177,7 +177,7 @@ class Benchmark(ABC):
 
 
 def by_scenario(cases: Sequence[Case]) -> dict[str, list[Case]]:
-    """Cases of each scenario, in the order of the first ones."""
+    """Group cases by scenario, in order of first appearance."""
     found: dict[str, list[Case]] = {}
     for case in cases:
         found.setdefault(case["scenario"], []).append(case)
@@ -185,13 +185,13 @@ def by_scenario(cases: Sequence[Case]) -> dict[str, list[Case]]:
 
 
 class SurvivalBenchmark(Benchmark):
-    """Walks of named scenarios, once a seed; enough must survive. A case has ``scenario`` and ``survived``."""
+    """Walks of named scenarios, one per seed; a share must survive. A case has ``scenario`` and ``survived``."""
 
-    required_share: float  #: Of the walks of each usual scenario that must survive; none survives where none ran [-]
-    usual: Mapping[str, Any]  #: Scenarios by name
-    required: Mapping[str, Any] = {}  #: Those that are measured only when chosen, with the bound of the usual ones
-    goals: Mapping[str, Any] = {}  #: The same without a bound
-    first_seed = 0  #: Without the option
+    required_share: float  #: Minimum share of surviving walks per usual scenario; a scenario without walks fails [-]
+    usual: Mapping[str, Any]  #: Scenarios that run by default, by name
+    required: Mapping[str, Any] = {}  #: Scenarios that run only when selected, with the same bound
+    goals: Mapping[str, Any] = {}  #: Scenarios that run only when selected, without a bound
+    first_seed = 0  #: Default of ``--first-seed``
 
     def cases(self, options: Options) -> list[Case]:
         names = chosen(self.name, options.scenarios, [*self.usual, *self.required, *self.goals], list(self.usual))
@@ -199,7 +199,7 @@ class SurvivalBenchmark(Benchmark):
         return [{"robot": options.robot, "seed": seed, "scenario": name} for name in names for seed in seeds]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Of each scenario ``survived_`` of ``total_`` walks, and what ``further`` has."""
+        """Return ``survived_`` and ``total_`` walks of each scenario, and its figures from ``further``."""
         figures = {}
         for name, of in by_scenario(cases).items():
             figures[f"survived_{name}"] = float(sum(case["survived"] for case in of))
@@ -209,7 +209,7 @@ class SurvivalBenchmark(Benchmark):
 
     @abstractmethod
     def further(self, name: str, cases: list[Case]) -> dict[str, float]:
-        """More figures of a scenario."""
+        """Return additional figures of a scenario."""
 
     def bounds(self, report: Report) -> dict[str, Bound]:
         totals = {name: report.figures.get(f"total_{name}", 0.0) for name in (*self.usual, *self.required)}
@@ -221,7 +221,7 @@ class SurvivalBenchmark(Benchmark):
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """A benchmark of the catalogue, by the name of its reports; its module is not imported yet."""
+    """Entry of the catalogue, by report name; the module is imported by ``load``."""
 
     name: str
     info: Info
@@ -229,11 +229,11 @@ class Listed:
 
     @property
     def command(self) -> str:
-        """Name of its command."""
+        """Name of the command."""
         return self.info.command or self.name
 
     def load(self) -> Benchmark:
-        """Import the module and make its benchmark; ``PoiseError`` unless it defines one and finds all it imports."""
+        """Import the module and create its benchmark; ``PoiseError`` if the class or an import is missing."""
         try:
             module = import_module(self.module)
         except ModuleNotFoundError as error:
@@ -251,7 +251,7 @@ class Listed:
 
 
 def settings(schema: type[T], name: str) -> T:
-    """Settings of a benchmark: ``config/NAME.yaml`` without descriptions; ``ConfigError`` for a wrong key."""
+    """Load the settings of a benchmark: ``config/NAME.yaml`` without ``bench``; ``ConfigError`` for a wrong key."""
     return cast(T, _settings(cast(Any, schema), name))
 
 
@@ -263,7 +263,7 @@ def _settings(schema: Any, name: str) -> Any:
 
 @cache
 def catalogue(root: Path = ROOT) -> dict[str, Listed]:
-    """Every benchmark by the name of its reports, in order; ``ConfigError`` for a wrong description or no module."""
+    """Return all benchmarks by report name, in order; ``ConfigError`` for an invalid ``bench`` or no single module."""
     found: list[Listed] = []
     for file in sorted((root / "config").glob("*.yaml")):
         described: dict[str, Any] = read_yaml(file).get(SECTION) or {}
@@ -277,12 +277,12 @@ def catalogue(root: Path = ROOT) -> dict[str, Listed]:
 
 
 def bounds_of(report: Report) -> dict[str, Bound]:
-    """Bounds of a report's figures; none for a benchmark that the catalogue lacks."""
+    """Return the bounds of a report's figures; empty for a benchmark that is not in the catalogue."""
     listed = catalogue().get(report.bench)
     return listed.load().bounds(report) if listed else {}
 
 
 def saved(figure: Figure, file: Path) -> Path:
-    """Write a figure; returns its file."""
+    """Write a figure and return its file."""
     figure.savefig(file, dpi=110)
     return file

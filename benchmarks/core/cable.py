@@ -1,4 +1,4 @@
-"""Machines with cables between them: network namespaces and pairs of virtual interfaces, gone with their processes."""
+"""Simulated machines and cables: network namespaces and veth pairs that end with their processes."""
 
 import json
 import os
@@ -21,7 +21,7 @@ HERE, THERE = "10.213.0.1", "10.213.0.2"
 FIRST, SECOND = "10.213.1.2", "10.213.2.2"
 """Addresses of two machines on either side of a router."""
 
-ERROR_MAX = 2000  #: Characters of a program's errors that are reported
+ERROR_MAX = 2000  #: Maximum length of a program's error output in a message [characters]
 
 REMEDY = (
     "install util-linux and iproute2, and run as root or permit namespaces to users: "
@@ -31,7 +31,7 @@ REMEDY = (
 
 @cache
 def isolation() -> tuple[str, ...]:
-    """Command that gives a program a network namespace; ``Unavailable`` where that is not permitted."""
+    """Return the command that runs a program in a network namespace; ``Unavailable`` without permission."""
     why = ""
     for command in (("unshare", "--net"), ("unshare", "--user", "--map-root-user", "--net")):
         cable = "ip link set lo up && ip link add t0 type veth peer name t1"
@@ -49,11 +49,11 @@ def isolation() -> tuple[str, ...]:
 
 
 def plain_environment(root: Path, folder: Path) -> dict[str, str]:
-    """This process's environment without any setting of ROS, for programs with a network of their own.
+    """Return the environment of this process without ROS settings, for programs in a separate network.
 
     Args:
-        root: Of the checkout, on the path of Python.
-        folder: For logs.
+        root: Root of the checkout, added to ``PYTHONPATH``.
+        folder: Folder for logs.
     """
     plain = {name: value for name, value in os.environ.items() if not name.startswith(("ROS_", "FAST"))}
     path = os.pathsep.join(filter(None, (str(root), os.environ.get("PYTHONPATH"))))
@@ -72,16 +72,16 @@ def run_program(
 
     Args:
         words: Script or ``-m`` module, and arguments.
-        folder: Where it runs.
-        environment: All of it.
-        timeout: For the whole program [s].
-        command: That of ``isolation``, for a network namespace of its own.
+        folder: Working directory.
+        environment: Complete environment.
+        timeout: Limit for the whole program [s].
+        command: Prefix from ``isolation`` that gives the program a separate network namespace.
 
     Returns:
-        The value of the JSON.
+        The decoded JSON value.
 
     Raises:
-        PoiseError: A program that fails, with the end of its errors, that needs longer, or without JSON.
+        PoiseError: The program fails (with the end of its error output), exceeds the limit, or prints no JSON.
     """
     try:
         done = subprocess.run(
@@ -101,7 +101,7 @@ def run_program(
 
 @contextmanager
 def two_machines() -> Iterator[tuple[str, ...]]:
-    """Within a program of ``isolation``: a second machine beside this one, with a cable between them.
+    """Add a second machine, connected by a cable; call this inside a program of ``isolation``.
 
     Yields:
         Command that runs a program on the second machine.
@@ -113,9 +113,9 @@ def two_machines() -> Iterator[tuple[str, ...]]:
 
 @contextmanager
 def routed_machines() -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Within a program of ``isolation``, which becomes a router: two machines in networks of their own.
+    """Add two machines in separate networks; the calling program of ``isolation`` becomes their router.
 
-    A router carries no multicast from one network to another.
+    The router does not forward multicast.
 
     Yields:
         Commands that run a program on the first and on the second machine.
@@ -131,14 +131,14 @@ def routed_machines() -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
 
 @contextmanager
 def _machine() -> Iterator[tuple[str, ...]]:
-    """A network namespace, for as long as the context lasts; the command that runs a program in it."""
+    """Create a network namespace for the duration of the context; yields the command that runs a program in it."""
     own_memory = (
-        "mount -t tmpfs tmpfs /dev/shm && echo && exec sleep infinity"  # or two would open the same ports in it
+        "mount -t tmpfs tmpfs /dev/shm && echo && exec sleep infinity"  # in a shared one, two would open the same ports
     )
     words = ["unshare", "--net", "--mount", "sh", "-c", own_memory]
     sleeper = subprocess.Popen(words, stdout=subprocess.PIPE, preexec_fn=die_with_parent)
     assert sleeper.stdout is not None
-    sleeper.stdout.readline()  # it has its namespaces
+    sleeper.stdout.readline()  # wait until the namespaces exist
     try:
         yield ("nsenter", f"--target={sleeper.pid}", "--net", "--mount", f"--wd={os.getcwd()}")
     finally:
@@ -147,7 +147,7 @@ def _machine() -> Iterator[tuple[str, ...]]:
 
 
 def _lay(name: str, address: str, other: str, there: Sequence[str]) -> None:
-    """A cable from this machine to another, of networks of 256 addresses."""
+    """Connect this machine and another one with a cable; each address is in a /24 network."""
     namespace = next(word for word in there if word.startswith("--target=")).removeprefix("--target=")
     _ip("link", "add", f"{name}0", "type", "veth", "peer", "name", f"{name}1", "netns", namespace)
     for end, own, inside in ((f"{name}0", address, ()), (f"{name}1", other, there)):
@@ -166,7 +166,7 @@ def _ip(*words: str, inside: Sequence[str] = ()) -> str:
 
 
 def _plugged(end: str, inside: Sequence[str] = ()) -> None:
-    """The kernel calls an end up as much as a second late, and a participant never uses one that was not up before."""
+    """Wait for the interface: it comes up to a second late, and participants ignore one that is down at their start."""
     give_up = time.monotonic() + 20.0
     while " UP " not in _ip("-brief", "link", "show", end, inside=inside):
         if time.monotonic() > give_up:

@@ -1,4 +1,4 @@
-"""Any controller in the same tests as poise: its class gets the sensors and returns a joint command each tick."""
+"""Run any controller in the tests of poise: it receives the sensors and returns a joint command each tick."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,26 +31,26 @@ from models.types import (
 
 
 class Contender(Protocol):
-    """A controller under test."""
+    """Controller under test."""
 
-    #: Whether its torques are applied directly; otherwise the drivers run their joint PD, with the gains of the robot's
-    #: profile, on its positions and velocities, and add its torques
+    #: Whether its torques are applied directly. Otherwise the drivers run the joint PD with the gains of the robot's
+    #: profile on its desired positions and velocities, and add its torques
     torque_controlled: bool
 
     def reset(self, model: RobotModel, seed: int) -> None:
-        """Start over with a robot held in its 'stand' posture; ``seed`` is for controllers that draw random numbers."""
+        """Start over with the robot held in the posture 'stand'; ``seed`` is for controllers with random numbers."""
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Walk so fast from now on [m/s, m/s, rad/s], in the frame of the body; zero is to stand."""
+        """Set the desired walking velocity [m/s, m/s, rad/s], in the frame of the body; zero means stand."""
 
     def step(self, sensors: SensorData, dt: float) -> JointCommand:
-        """One tick, ``dt`` [s] after the last, from measured joints, IMU and foot wrenches."""
+        """Compute one tick, ``dt`` [s] after the last one, from measured joints, IMU and foot wrenches."""
 
 
 def load(name: str) -> Contender:
-    """Make a contender by ``module:Class``, or by the YAML file of an ONNX policy.
+    """Create a contender from ``module:Class`` or from the YAML file of an ONNX policy.
 
-    Raises ``ConfigError`` when it cannot be made or lacks a method.
+    Raises ``ConfigError`` when this fails or the class lacks a method.
     """
     if is_policy(name):
         return OnnxPolicy(Path(name))
@@ -67,7 +67,7 @@ def load(name: str) -> Contender:
 
 
 class ContenderStack(ControlStack):
-    """A contender instead of estimator, supervisor and law; in mode 'stand' from ``arm`` on."""
+    """Runs a contender in place of estimator, supervisor and control law; mode 'stand' after ``arm``."""
 
     def __init__(self, name: str, robot: RobotModel, seed: int) -> None:
         super().__init__()
@@ -93,7 +93,7 @@ class ContenderStack(ControlStack):
 
 
 class DirectDrives(JointServo):
-    """Drivers that apply torques without gains at once, within the robot's limits: no fade, no limit of their rate."""
+    """Drivers that apply torques without gains immediately, within the torque limits, without fade or rate limit."""
 
     _direct: Vector | None = None
 
@@ -107,13 +107,13 @@ class DirectDrives(JointServo):
         return super().step(t, q, v, dt) if self._direct is None else JointCommand.torque(self._direct)
 
 
-ANY_LOAD = 2.0  #: ``load_tolerance`` of contenders: a posture of their own may load the feet of a held robot otherwise
+ANY_LOAD = 2.0  #: ``load_tolerance`` of contenders: their posture may load the feet of a held robot differently
 
 
 class ContenderLoop(ClosedLoop):
-    """``ClosedLoop`` and its options with a contender; its log has the truth only. ``ConfigError`` without one.
+    """``ClosedLoop`` with a contender; its log has only the ground truth. ``ConfigError`` for an invalid contender.
 
-    Without a ``config`` the robot is let go after ``settle_time``, whatever its feet bear.
+    Without ``config`` the robot is released after ``settle_time``, regardless of the load on its feet.
     """
 
     def __init__(self, contender: str, robot: str | RobotModel = "g1", seed: int = 0, **options: Any) -> None:
@@ -133,7 +133,7 @@ class ContenderLoop(ClosedLoop):
         super().reset(seed)
 
     def command(self, text: str) -> CommandReply:
-        """Accepted without effect: a contender takes velocities only."""
+        """Accept a command without effect: a contender accepts velocities only."""
         return CommandReply(True, f"'{text}' left to set_velocity")
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:

@@ -1,10 +1,10 @@
-"""Cases measured by dask.distributed: the workers of a scheduler, on any machines.
+"""Run cases with dask.distributed, on the workers of a scheduler on any machines.
 
-A worker that dies is restarted by its nanny, and the scheduler gives its case to another; each case is taken once. A
-scheduler that dies ends the sweep.
+The nanny restarts a worker that dies, and the scheduler reassigns its case; each result is used once. The sweep ends
+when the scheduler dies.
 """
 
-# Annotations stay text: a function that is sent to a worker must not need the classes of this project to load.
+# Annotations stay text: a worker must be able to load the sent function without the classes of this project.
 from __future__ import annotations
 
 import asyncio
@@ -20,10 +20,10 @@ from benchmarks.core.executors import Case, Done, Executor
 from benchmarks.core.provenance import source_state, versions
 from models.errors import PoiseError, WorkersError
 
-AHEAD = 4  # cases queued at the scheduler for each core, so that no worker waits
-AT_LEAST = 64  # least number of queued cases: workers may join at any time
-CONNECT_TIME = 10.0  # longest wait for the scheduler [s]
-ALONE_TIME = 120.0  # longest wait for a scheduler's first worker, or for another one when all have gone [s]
+AHEAD = 4  # cases queued at the scheduler per core, so that no worker waits
+AT_LEAST = 64  # minimum number of queued cases: workers may join at any time
+CONNECT_TIME = 10.0  # maximum wait for the scheduler [s]
+ALONE_TIME = 120.0  # maximum wait without any worker, at the start or later [s]
 LOOK = 1.0  # period of the check for workers [s]
 POLL = 0.02  # period of the check for finished cases [s]
 
@@ -34,7 +34,7 @@ async def _ask(address: str) -> None:
 
 
 def _sent() -> Callable[..., Done]:
-    """Function sent to workers as code: a worker without poise can still load it, and reports what is missing."""
+    """Return the function that is sent as code: a worker without poise can load it and report what is missing."""
 
     def measured_there(module: str, name: str, case: Case, asked: tuple[str, dict[str, str]]) -> Done:
         from benchmarks.core.executors import measured_elsewhere
@@ -57,19 +57,19 @@ class DaskWorkers(Executor):
             self._client = None
 
     def client(self) -> Client:
-        """The connection, made by the first call; ``WorkersError`` when the scheduler does not answer."""
+        """Return the connection, made by the first call; ``WorkersError`` when the scheduler does not answer."""
         if self._client is not None:
             return self._client
-        try:  # `Client` itself waits without limit for a server that is not a scheduler
+        try:  # `Client` waits without limit for a server that is not a scheduler
             asyncio.run(asyncio.wait_for(_ask(self._address), CONNECT_TIME))
             self._client = Client(self._address, timeout=CONNECT_TIME)
-        except Exception as error:  # whoever is there may answer anything
+        except Exception as error:  # any server may answer, with any error
             why = str(error) or f"silent for {CONNECT_TIME:g} s"
             raise WorkersError(f"{self._name}: no answer of a scheduler: {why}") from error
         return self._client
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
-        """See ``Executor``; ``WorkersError`` without usable workers, ``PoiseError`` when a case has killed several."""
+        """See ``Executor``; ``WorkersError`` without usable workers, ``PoiseError`` when a case kills several."""
         if not cases:
             return
         client = self.client()
@@ -100,7 +100,7 @@ class DaskWorkers(Executor):
                     continue
                 future, done = next(finished)
                 index = indices.pop(future)
-                future.release()  # or the death of its worker has the case measured again
+                future.release()  # otherwise dask recomputes the case when the worker dies
                 yield index, self._taken(done)
                 finished.update(submit(1))
         finally:
@@ -125,7 +125,7 @@ class DaskWorkers(Executor):
             raise WorkersError(f"{self._name}: no worker for {ALONE_TIME:.0f} s; {start}")
 
     def _taken(self, done: object) -> Done:
-        """What came of a case: the outcome, or (type, error, traceback), or that the connection was lost meanwhile."""
+        """Return the outcome, or raise the error in (type, error, traceback) or the loss of the connection."""
         if isinstance(done, Done):
             return done
         if not isinstance(done, tuple):

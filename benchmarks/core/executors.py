@@ -1,4 +1,4 @@
-"""One measured case, and where cases are measured: this process, a pool of processes, or dask on many machines."""
+"""Measure cases in this process, in a pool of processes, or with dask on several machines."""
 
 import gc
 import os
@@ -20,12 +20,12 @@ from models.errors import PoiseError, WorkersError
 from models.nodes.realtime import die_with_parent
 from models.numerics.threads import use_one_thread
 
-Case = dict[str, Any]  #: One measured case: its inputs (seed, direction, ...) and outcome, as plain JSON values
+Case = dict[str, Any]  #: Measured case: inputs (seed, direction, ...) and outcome, as plain JSON values
 
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """One finished case: wall and processor time without children [s], load afterwards, and what measured it."""
+    """Finished case: wall and processor time without child processes [s], load average after it, and environment."""
 
     outcome: Case
     seconds: float
@@ -38,13 +38,13 @@ class Done:
 
 
 class Clock:
-    """Measures wall and processor time of a case of this process, from its construction."""
+    """Measures wall and processor time of a case in this process, from construction."""
 
     def __init__(self) -> None:
         self._wall, self._cpu = time.monotonic(), time.process_time()
 
     def done(self, outcome: Case) -> Done:
-        """Record of the case that has just finished."""
+        """Return the record of the case that has just finished."""
         seconds, cpu = time.monotonic() - self._wall, time.process_time() - self._cpu
         load = round(os.getloadavg()[0], 2)
         where = machine(), source_state(), versions(), socket.gethostname()
@@ -53,37 +53,37 @@ class Clock:
 
 def measured(measure: Callable[..., Case], case: Case) -> Done:
     """Measure one case in this process."""
-    gc.collect()  # the loop of the last case, which refers to itself, with its log of some 10 MB
+    gc.collect()  # frees the loop of the last case, a reference cycle with some 10 MB of log
     clock = Clock()
     return clock.done(measure(**case))
 
 
 def measured_elsewhere(module: str, name: str, case: Case, expected: tuple[str, dict[str, str]]) -> Done:
-    """Measure one case by names of module and function; ``WorkersError`` when revision or packages differ."""
+    """Measure one case, given module and function by name; ``WorkersError`` when revision or packages differ."""
     if why := difference((source_state(), versions()), expected):
         raise WorkersError(f"a worker on {socket.gethostname()} {why}")
     return measured(attrgetter(name)(import_module(module)), case)
 
 
 class Executor(AbstractContextManager["Executor"]):
-    """Measures cases; workers start with the first ones and end with the context."""
+    """Measures cases; workers start with the first case and end with the context."""
 
     def __exit__(self, *_: object) -> None:
         self.stop_workers()
 
     @abstractmethod
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
-        """Measure every case once by a function of a module; yields the index of each as it ends, in any order."""
+        """Measure every case once with a module-level function; yields index and outcome of each as it finishes."""
 
     def stop_workers(self) -> None:
-        """End the workers and their helpers until the next cases."""
+        """Stop the workers and their helpers; the next cases start them again."""
 
 
-DEATHS_ALLOWED = 3  #: Deaths of workers in a row, without a finished case, that end the sweep
+DEATHS_ALLOWED = 3  #: Consecutive deaths of workers without a finished case after which the sweep ends
 
 
 class InProcess(Executor):
-    """Measures one case after another in this process."""
+    """Measures cases one after another in this process."""
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
         for index, case in enumerate(cases):
@@ -91,7 +91,7 @@ class InProcess(Executor):
 
 
 class ProcessPool(Executor):
-    """Processes of this machine; when one dies, all restart with the remaining cases."""
+    """Processes on this machine; when one dies, all restart with the remaining cases."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
@@ -104,7 +104,7 @@ class ProcessPool(Executor):
 
     def _submit(self, measure: Callable[..., Case], left: Iterable[tuple[int, Case]]) -> dict[Future[Done], int]:
         if self._pool is None:
-            use_one_thread()  # for the workers, which inherit it
+            use_one_thread()  # inherited by the workers
             self._pool = ProcessPoolExecutor(self._workers, get_context("spawn"), die_with_parent)
         return {self._pool.submit(measured, measure, case): index for index, case in left}
 
@@ -114,7 +114,7 @@ class ProcessPool(Executor):
             before = len(left)
             try:
                 futures = self._submit(measure, left.items())
-            except BrokenProcessPool:  # a worker died while idle, or just now
+            except BrokenProcessPool:  # a worker died earlier or just now
                 futures = {}
             try:
                 for future in as_completed(futures):

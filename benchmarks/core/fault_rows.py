@@ -1,4 +1,4 @@
-"""What all benchmarks of faults share: rows, figures, table and picture."""
+"""Common parts of the fault benchmarks: rows, figures, table and plot."""
 
 from pathlib import Path
 
@@ -14,15 +14,15 @@ from models.config import STRICT, Positive
 
 @schema(frozen=True, slots=True, kw_only=True, config=STRICT)
 class AnyRow:
-    """One fault, in lockstep or of the graph."""
+    """Fault of a lockstep or graph benchmark."""
 
     group: str  #: Heading in the table
-    act: str = ""  #: Name of the act, besides ``faults``
-    within: Positive | None = None  #: Longest time until the expected reaction, for 'damps' and 'stands' [s]
-    reason: str = ""  #: Text in the reason
+    act: str = ""  #: Name of the act; optional with ``faults``
+    within: Positive | None = None  #: Maximum time to the expected reaction, for 'damps' and 'stands' [s]
+    reason: str = ""  #: Text that the reason must contain
     walk: bool = False  #: Whether the robot walks
-    duration: Positive | None = None  #: Watched from the fault on [s]; None for the usual time
-    mode: str = ""  #: Expected mode afterwards; empty for the initial mode or that of ``expect``
+    duration: Positive | None = None  #: Observation time after the fault; None for the default [s]
+    mode: str = ""  #: Expected mode afterwards; when empty, the initial mode or the mode of ``expect``
 
 
 def _line(case: Case) -> str:
@@ -36,10 +36,10 @@ def _line(case: Case) -> str:
 
 
 class FaultBenchmark(Benchmark):
-    """Rows of faults: every one must end as expected; ``not_run`` ones could not be run here."""
+    """Rows of faults: each must end as expected; rows marked ``not_run`` could not be run here."""
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """``survived`` of ``total`` rows that could be run, ``not_run``, and ``torque_step_max`` where watched."""
+        """Return ``survived``, ``total`` (rows that could be run), ``not_run``, and ``torque_step_max`` if observed."""
         run = [case for case in cases if not case.get(NOT_RUN)]
         figures = {"survived": float(sum(case["ok"] for case in run)), "total": float(len(run))}
         if len(run) < len(cases):
@@ -48,7 +48,7 @@ class FaultBenchmark(Benchmark):
         return figures | ({"torque_step_max": max(steps)} if steps else {})
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Every row that could be run, and at least one."""
+        """Require all rows that could be run, and at least one."""
         return at_least({"survived": max(report.figures["total"], 1.0)})
 
     def notes(self, report: Report) -> list[str]:

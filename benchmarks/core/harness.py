@@ -1,4 +1,4 @@
-"""Shared by all benchmarks: seeded cases run by worker processes, one JSON schema (``Report.to_dict``), one table."""
+"""Common parts of all benchmarks: seeded cases in worker processes, the JSON report (``Report.to_dict``), the table."""
 
 import json
 import math
@@ -34,15 +34,15 @@ __all__ = ["Case"]  # re-exported for the benchmarks
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """Executor and store of the cases of all benchmarks of a run."""
+    """Executor and results file that all benchmarks of a run share."""
 
-    executor: Executor | None = None  #: Measures them; None for workers of each benchmark
+    executor: Executor | None = None  #: Measures the cases; None: each benchmark starts workers
     results: ResultsFile | None = None  #: Finished cases; optional
-    #: Called with the keys of the cases of a benchmark before any of them is measured
+    #: Called with the keys of a benchmark's cases before the first one is measured
     began: Callable[[Sequence[str]], None] = lambda keys: None
 
     def stop_workers(self) -> None:
-        """End the workers until the next cases, and the thread that serves them: it would disturb timing here."""
+        """Stop the workers and the thread that serves them, which would disturb timing; the next cases restart them."""
         if self.executor is not None:
             self.executor.stop_workers()
 
@@ -51,24 +51,24 @@ class Sweep:
 class Options:
     """Command-line options of every benchmark."""
 
-    robot: str = "g1"  #: Profile, by name or path
+    robot: str = "g1"  #: Robot profile, by name or path
     seeds: int = 1  #: Number of seeds
-    first_seed: int | None = None  #: First of them; the usual one of the benchmark when None
-    workers: int = 1  #: Worker processes; with one, cases are measured in this process
-    scenarios: tuple[str, ...] = ()  #: Chosen scenarios; the usual ones if empty
-    directions: str = ""  #: Grid of headings as ``COUNT`` or ``COUNT+DEGREES``; the usual one if empty
-    size: float = 0.0  #: The only push tried, as impulse over mass [m/s]; the largest one is searched when 0
-    contender: str = ""  #: Controller to test instead of poise, by the name of ``contender.load``; poise if empty
-    sweep: Sweep = field(default_factory=Sweep)  #: Executor and store of the cases
+    first_seed: int | None = None  #: First seed; the default of the benchmark when None
+    workers: int = 1  #: Number of worker processes; with 1, cases run in this process
+    scenarios: tuple[str, ...] = ()  #: Selected scenarios; the default ones if empty
+    directions: str = ""  #: Grid of headings as ``COUNT`` or ``COUNT+DEGREES``; the default grid if empty
+    size: float = 0.0  #: Impulse over mass of the only push tried [m/s]; 0 searches the largest push
+    contender: str = ""  #: Controller under test, by the name of ``contender.load``; poise if empty
+    sweep: Sweep = field(default_factory=Sweep)  #: Executor and results file
 
     def each_seed(self, usual: int = 0) -> range:
-        """The seeds, from ``first_seed`` or the usual first one on."""
+        """Return the seeds, starting at ``first_seed`` or the default first seed."""
         first = usual if self.first_seed is None else self.first_seed
         return range(first, first + self.seeds)
 
 
 def chosen(bench: str, scenarios: Sequence[str], known: Sequence[str], usual: Sequence[str] | None = None) -> list[str]:
-    """Chosen scenarios, else the ``usual`` ones, else all ``known``; ``ConfigError`` lists the known ones."""
+    """Return the selected scenarios, else ``usual``, else all ``known``; ``ConfigError`` lists the known ones."""
     unknown = [name for name in scenarios if name not in known]
     if unknown:
         raise ConfigError(f"bench {bench}: unknown scenario '{unknown[0]}'; known: {', '.join(known)}")
@@ -82,37 +82,37 @@ class Report:
     bench: str
     robot: str
     seeds: int
-    figures: dict[str, float]  #: Flat name to number; the unit is the last part of the name
+    figures: dict[str, float]  #: Values by flat name; the last part of the name is the unit
     cases: list[Case]  #: One entry per case
     passed: bool  #: Whether every bound holds
-    load: dict[str, Any]  #: Load averages before and after, and the number of cores [-]
-    notes: list[str] = field(default_factory=list)  #: Remarks for the reader of the table, such as which bound failed
-    contender: str = ""  #: Tested instead of poise; empty for poise
+    load: dict[str, Any]  #: Load averages before and after, and number of cores [-]
+    notes: list[str] = field(default_factory=list)  #: Remarks for the reader of the table, such as failed bounds
+    contender: str = ""  #: Controller under test; empty for poise
 
     @property
     def who(self) -> str:
-        """Subject of the figures, for titles: the robot, and the contender if one was tested."""
+        """Subject of the figures, for titles: the robot, and the contender if any."""
         return f"{self.robot}, contender {self.contender}" if self.contender else self.robot
 
     @property
     def stem(self) -> str:
-        """Name of the robot in names of files: that of its profile without folder and suffix."""
+        """Robot name for file names: the profile without folder and suffix."""
         return Path(self.robot).stem
 
     def to_dict(self) -> dict[str, Any]:
-        """The one JSON object that every benchmark writes."""
+        """Return the JSON object that every benchmark writes."""
         kept = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.name != "notes"}
         return kept | {"versions": versions(), "revision": revision()}
 
 
 class LoadMeter:
-    """Records the machine's load average at construction and on reading."""
+    """Records the load average of the machine at construction and at reading."""
 
     def __init__(self) -> None:
         self._before = os.getloadavg()
 
     def read(self) -> dict[str, Any]:
-        """Load averages over 1, 5 and 15 minutes before and now, and the cores this process may use."""
+        """Return load averages over 1, 5 and 15 minutes, before and now, and the number of usable cores."""
         return {
             "before": [round(x, 2) for x in self._before],
             "after": [round(x, 2) for x in os.getloadavg()],
@@ -121,7 +121,7 @@ class LoadMeter:
 
 
 def percentiles(samples: ArrayLike, name: str) -> dict[str, float]:
-    """Figures ``<name>_p50``, ``_p99``, ``_p999`` and ``_max`` of samples (n,); ``ValueError`` without samples."""
+    """Return ``<name>_p50``, ``_p99``, ``_p999`` and ``_max`` of samples (n,); ``ValueError`` without samples."""
     values = np.asarray(samples, dtype=np.float64)
     if values.size == 0:
         raise ValueError(f"{name}: no samples to take percentiles of")
@@ -139,12 +139,12 @@ def collect(
     alone: bool = False,
     silent: bool = False,
 ) -> list[Case]:
-    """Read finished cases from the sweep's file, measure the others, and write each as soon as it is done.
+    """Read finished cases from the results file, measure the others, and write each one when it finishes.
 
-    ``produce``, given the inputs of the remaining cases, yields the index of each with its outcome. ``alone``: they are
-    timed in this process, so that those of another machine do not count, and the progress bar, whose thread would
-    disturb them, is left out, as by ``silent``. Returns inputs and outcome of each case, in the given
-    order. Raises ``WorkersError`` for a worker of another revision or with other packages.
+    ``produce`` receives the inputs of the remaining cases and yields index and outcome of each. ``alone``: the cases
+    are timed in this process. Then results of other machines do not count, and there is no progress bar because its
+    thread would disturb the timing. ``silent`` also omits the bar. Returns inputs and outcome of each case, in the
+    given order. Raises ``WorkersError`` for a worker with another revision or other packages.
     """
     file = options.sweep.results
     config = configuration(options.robot, options.contender) if file else ""
@@ -181,9 +181,9 @@ def run_cases(
     alone: bool = False,
     silent: bool = False,
 ) -> list[Case]:
-    """Measure the cases not known yet by a function of a module; ``alone``: in this process, for timing.
+    """Measure the cases without a result with a module-level function; ``alone``: in this process, for timing.
 
-    ``silent`` leaves out the progress bar, as ``alone`` does.
+    ``silent`` omits the progress bar, as ``alone`` does.
     """
 
     def produce(remaining: Sequence[Case]) -> Iterator[tuple[int, Done]]:
@@ -202,13 +202,13 @@ def run_cases(
 
 
 def write_json(report: Report, path: Path) -> None:
-    """Write the report; NaN and infinity, which JSON lacks, become null."""
+    """Write the report; NaN and infinity become null because JSON lacks them."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(with_null(plain(report.to_dict())), indent=1) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> Report:
-    """Read what ``write_json`` wrote; null becomes NaN, notes are not kept; ``ConfigError`` for any other file."""
+    """Read a report of ``write_json``; null becomes NaN, notes are dropped; ``ConfigError`` for any other file."""
     try:
         found = with_nan(json.loads(path.read_text(encoding="utf-8")))
         kept = ("bench", "robot", "seeds", "figures", "cases", "passed", "load")
@@ -218,7 +218,7 @@ def read_json(path: Path) -> Report:
 
 
 def print_report(report: Report, console: Console) -> None:
-    """Print the figures as a table, with the verdict below."""
+    """Print the figures as a table, followed by the notes and the verdict."""
     table = Table(title=f"{report.bench}: {report.who}, seeds {report.seeds}", title_justify="left")
     table.add_column("figure")
     table.add_column("value", justify="right")
@@ -233,7 +233,7 @@ def print_report(report: Report, console: Console) -> None:
 
 
 def make_executor(workers: int, scheduler: str = "") -> Executor:
-    """Measures on a dask scheduler, or this machine; with one worker, in this process. ``PoiseError`` without dask."""
+    """Create the executor: dask scheduler, process pool, or this process (one worker); ``PoiseError`` without dask."""
     if not scheduler:
         return InProcess() if workers <= 1 else ProcessPool(workers)
     if find_spec("distributed") is None:

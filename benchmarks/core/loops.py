@@ -1,4 +1,4 @@
-"""Shared by benchmarks of a closed loop: commands that must be accepted, falls, torque steps, search of a bound."""
+"""Common parts of the closed-loop benchmarks: required commands, falls, torque steps, search for a bound."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -15,35 +15,35 @@ from models.types import JointCommand, Vector
 
 
 def demand(loop: ClosedLoop, command: str) -> None:
-    """Give a text command that must be accepted; ``PoiseError`` names command and reason of a refusal."""
+    """Send a command that must be accepted; ``PoiseError`` has command and reason if it is refused."""
     reply = loop.command(command)
     if not reply.accepted:
         raise PoiseError(f"{command}: {reply.reason}")
 
 
 def start_walk(loop: ClosedLoop, forward: float, left: float = 0.0, turn: float = 0.0) -> None:
-    """Command ``walk`` and a velocity [m/s, m/s, rad/s]."""
+    """Send ``walk`` and a velocity [m/s, m/s, rad/s]."""
     demand(loop, "walk")
     loop.set_velocity(forward, left, turn)
 
 
 def keep_upright(loop: ClosedLoop) -> None:
-    """``PoiseError`` when the robot has fallen, saying how."""
+    """Raise ``PoiseError`` with the reason if the robot has fallen."""
     if loop.fallen:
         raise PoiseError(f"{loop.robot.name} fell: {loop.fall_reason}")
 
 
 def advance(loop: ClosedLoop, duration: float) -> None:
-    """Run for a time [s]; ``PoiseError`` when the robot falls."""
+    """Run for a time [s]; ``PoiseError`` if the robot falls."""
     loop.run(duration)
     keep_upright(loop)
 
 
-ROUNDING = 1e-9  # of a step at the drivers' limit [-]
+ROUNDING = 1e-9  # relative tolerance for a step at the drivers' limit [-]
 
 
 class TorqueSteps:
-    """``largest`` step of a torque written in one tick, in parts of its rate limit [-]; infinite for NaN torques."""
+    """``largest`` torque step written in one tick, as a fraction of the rate limit [-]; infinite for NaN torques."""
 
     def __init__(self, loop: ClosedLoop) -> None:
         self.largest = 0.0
@@ -51,16 +51,16 @@ class TorqueSteps:
         self._before: Vector | None = None
 
     def forget(self) -> None:
-        """The next torques follow no earlier ones: the robot starts over."""
+        """Discard the last torques because the robot starts over."""
         self._before = None
 
     def within(self, limit: float) -> bool:
-        """Whether no step was larger than a limit [-]."""
+        """Whether no step exceeded a limit [-]."""
         return self.largest <= limit * (1.0 + ROUNDING)
 
     @contextmanager
     def watch(self) -> Iterator[None]:
-        """Look at every tick meanwhile."""
+        """Observe every tick within the context."""
         plant = self._loop.plant
         write, scale = plant.write, self._loop.robot.tau_rate_max * plant.period
 
@@ -78,7 +78,7 @@ class TorqueSteps:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Search:
-    """Settings of ``largest`` in the unit of the value; it strides to a bracket, then bisects it to ``resolution``."""
+    """Settings of ``largest``, in the unit of the value: strides to a bracket, then bisects down to ``resolution``."""
 
     first: Positive
     largest: Positive
@@ -87,7 +87,7 @@ class Search:
 
 
 def largest(holds: Callable[[float], bool], search: Search) -> tuple[float, int]:
-    """Bracket and bisect the largest value that holds: the value (0 when none holds) and how many were tried."""
+    """Search the largest value for which ``holds`` is true; returns it (0 if none) and the number of tries."""
     low, high, value, tried = 0.0, math.inf, search.first, 0
     while high - low > search.resolution:
         tried += 1
