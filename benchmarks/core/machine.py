@@ -1,4 +1,4 @@
-"""Processor and memory use of processes, and what of a machine decides whether it keeps 1 kHz."""
+"""Processor and memory use of processes, and the real-time properties of the machine."""
 
 import os
 import resource
@@ -15,19 +15,19 @@ from models.errors import PoiseError
 
 
 class Unavailable(PoiseError):
-    """This machine lacks what a case needs; such a case is reported as ``NOT_RUN``."""
+    """The machine lacks a requirement of a case; the case is reported as ``NOT_RUN``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """Use of a process: share of one core ``cpu`` [-] and resident ``memory`` at the end [MiB]."""
+    """Use of a process: share of one core ``cpu`` [-], resident ``memory`` at the end [MiB]."""
 
     cpu: float
     memory: float
 
 
 class UseMeter:
-    """Measures processes (pid by name) from construction until it is read."""
+    """Measures the use of processes (pid by name) from construction to reading."""
 
     def __init__(self, pids: Mapping[str, int]) -> None:
         self._pids = dict(pids)
@@ -35,7 +35,7 @@ class UseMeter:
         self._before = {name: cpu_time(pid) for name, pid in self._pids.items()}
 
     def read(self) -> dict[str, Use]:
-        """Use of each process since; those that have ended are left out."""
+        """Return the use of each process since construction; processes that have ended are omitted."""
         span = max(time.monotonic() - self._begin, 1e-9)
         found = {}
         for name, pid in self._pids.items():
@@ -47,15 +47,15 @@ class UseMeter:
 
 
 def resident(pid: int | str) -> float:
-    """Resident memory of a process [MiB]; ``self`` for this one."""
+    """Return the resident memory of a process [MiB]; ``self`` for this process."""
     pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
     return pages * resource.getpagesize() / 2.0**20
 
 
-BUFFER_MIN = 1 << 20  # sufficient receive buffer of a socket for a recording, a camera or several robots [B]
-CORES_MIN = 2  # bridge and laws run at the same time; with fewer they wait for each other
+BUFFER_MIN = 1 << 20  # sufficient socket receive buffer for a recording, a camera or several robots [B]
+CORES_MIN = 2  # bridge and control run at the same time; with fewer cores they wait for each other
 
-#: Tried in a separate process
+#: Program that tests the permissions in a separate process
 _PERMITTED = """
 import sys
 from models.nodes import realtime
@@ -65,20 +65,20 @@ print(int(realtime.use_fifo(40, lambda text: None)), int(realtime.lock_memory(la
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """What decides about real time."""
+    """Properties of a machine that affect real-time operation."""
 
     cores: int  #: Usable by this process
-    governor: str  #: Of the first core's frequency; empty where not visible, as in a virtual machine
+    governor: str  #: Frequency governor of the first core; empty if not visible, as in a virtual machine
     fifo: bool  #: Whether SCHED_FIFO is permitted
     locked: bool  #: Whether memory may be locked
-    isolated: str  #: Cores that the kernel keeps free, in its notation; empty for none
+    isolated: str  #: Cores isolated by the kernel, in its notation; empty for none
     realtime_kernel: bool  #: Whether the kernel is fully preemptible
-    throttled: float  #: Share of a period that real-time processes may take together [-]
-    receive_buffer: int  #: Largest receive buffer of a socket [B]; 0 where not visible
+    throttled: float  #: Share of a period that all real-time processes together may use [-]
+    receive_buffer: int  #: Maximum receive buffer of a socket [B]; 0 if not visible
 
 
 def read_machine(root: Path = Path("/")) -> Machine:
-    """Inspect this machine, ``sys`` and ``proc`` below ``root``; what is not visible counts as absent."""
+    """Inspect this machine, with ``sys`` and ``proc`` below ``root``; an unreadable value counts as absent."""
 
     def text(path: str) -> str:
         try:
@@ -113,7 +113,7 @@ def _permitted() -> tuple[bool, bool]:
 
 
 def advice(machine: Machine) -> list[str]:
-    """What to change about a machine, most effective first; empty when there is nothing."""
+    """Return recommended changes to the machine, most effective first; empty if there are none."""
     found = []
     if not machine.fifo:
         found.append("permit SCHED_FIFO: '@GROUP - rtprio 50' in /etc/security/limits.d, or CAP_SYS_NICE")

@@ -1,4 +1,4 @@
-"""Where a figure comes from: versions, source, configuration and machine, the latter in general terms only."""
+"""Provenance of figures: versions, source, configuration, and the machine in general terms."""
 
 import hashlib
 import json
@@ -16,25 +16,25 @@ from models.config import read_yaml
 from models.profile import load_profile
 from models.urdf import resolve_uri
 
-#: Packages whose versions decide a figure
+#: Packages whose versions affect the figures
 MEASURED_PACKAGES = (
     *("poise", "pin", "placo", "mujoco", "daqp", "quadprog", "numba", "numpy", "ros-rclpy"),
     *("qpsolvers", "osqp", "proxsuite", "piqp", "clarabel", "pin-pink", "mink", "example-robot-data"),
 )
-ROOT = Path(__file__).resolve().parents[2]  # of the checkout, where there is one
+ROOT = Path(__file__).resolve().parents[2]  # root of the checkout, if there is one
 
-#: Whose changes decide a figure; a report that is written into the checkout does not
+#: Sources that affect the figures; a report written into the checkout does not
 SOURCES = ("models", "planners", "controllers", "bridge", "benchmarks", "pyproject.toml", "constraints.txt")
-DIGEST = 12  # characters of a hash that are kept
+DIGEST = 12  # kept characters of a hash
 
 
 def usable_cores() -> int:
-    """How many cores this process may run on."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 def machine() -> str:
-    """This machine in general terms: cores, architecture, memory, kernel."""
+    """Describe this machine in general terms: cores, architecture, memory, kernel."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     kernel = ".".join(platform.release().split(".")[:2])
     return f"{usable_cores()} cores, {platform.machine()}, {memory:.0f} GiB of memory, {platform.system()} {kernel}"
@@ -42,7 +42,7 @@ def machine() -> str:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of Python and of every installed package that decides a figure, as of the first call."""
+    """Return the versions of Python and of ``MEASURED_PACKAGES``, as of the first call."""
     found = {"python": platform.python_version(), "machine": platform.machine()}
     for name in MEASURED_PACKAGES:
         try:
@@ -53,7 +53,7 @@ def versions() -> dict[str, str]:
 
 
 def difference(theirs: tuple[str, Mapping[str, str]], own: tuple[str, Mapping[str, str]]) -> str:
-    """Why cases of another process (``source_state``, ``versions``) are not comparable to ours; empty when they are."""
+    """Return why cases of another process (``source_state``, ``versions``) are not comparable; empty if they are."""
     if theirs[0] != own[0]:
         return f"runs revision {theirs[0]}, not {own[0]}"
     for name in sorted({*theirs[1], *own[1]}):
@@ -64,7 +64,7 @@ def difference(theirs: tuple[str, Mapping[str, str]], own: tuple[str, Mapping[st
 
 
 def revision() -> str:
-    """Git revision of the checkout, with ``+`` when it has changes; ``unknown`` outside of a checkout."""
+    """Return the Git revision, with ``+`` for local changes; ``unknown`` outside of a checkout."""
     try:
         return _head() + ("+" if _git("status", "--porcelain", "--untracked-files=no") else "")
     except (OSError, subprocess.SubprocessError):
@@ -73,7 +73,7 @@ def revision() -> str:
 
 @cache
 def source_state() -> str:
-    """Git revision and hash of local changes and new files, as of the first call; the version outside of a checkout."""
+    """Return Git revision and hash of local changes and new files, cached; the version outside of a checkout."""
     try:
         head, changes = _head(), _git("diff", "HEAD", "--", *SOURCES)
         new = _git("ls-files", "--others", "--exclude-standard", "-z", "--", *SOURCES).split("\0")
@@ -86,17 +86,17 @@ def source_state() -> str:
 
 
 def digest(*parts: bytes) -> str:
-    """Short hash of some bytes."""
+    """Return a short hash of bytes."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:DIGEST]
 
 
 def is_policy(contender: str) -> bool:
-    """Whether a contender is named by the file of a policy, not by ``module:Class``."""
+    """Whether the contender is a policy file and not ``module:Class``."""
     return contender.endswith((".yaml", ".yml"))
 
 
 def _source_of(name: str) -> list[Path]:
-    """Files of a contender: its module, or policy and model; none where ``contender.load`` refuses it."""
+    """Return the files of a contender (module, or policy and model); empty if ``contender.load`` would refuse it."""
     if is_policy(name):
         file = Path(name)
         return [file, file.parent / str(read_yaml(file).get("model"))] if file.is_file() else []
@@ -108,7 +108,7 @@ def _source_of(name: str) -> list[Path]:
 
 
 def configuration(robot: str, contender: str = "") -> str:
-    """Hash of the configuration: YAML files of the benchmarks, profile and URDF of the robot, files of a contender."""
+    """Return a hash of the benchmarks' YAML files, profile and URDF of the robot, and files of the contender."""
     profile = load_profile(robot)
     urdf = resolve_uri(profile.urdf, Path(profile.source).parent)
     files = [*sorted((ROOT / "benchmarks/config").glob("*.yaml")), urdf]
@@ -124,7 +124,7 @@ def _git(*arguments: str) -> str:
 
 
 def _head() -> str:
-    """Revision of the checkout; ``OSError`` outside of one."""
+    """Return the revision of the checkout; ``OSError`` outside of one."""
     if Path(_git("rev-parse", "--show-toplevel")).resolve() != ROOT:
         raise FileNotFoundError("not a checkout")
     return _git("rev-parse", "HEAD")

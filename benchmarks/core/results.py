@@ -1,8 +1,8 @@
-"""The file of finished cases: one JSON line each, written as soon as the case ends, and never the same case twice.
+"""File of finished cases: one JSON line per case, written when the case ends; no case is written twice.
 
 A line is ``{"key", "bench", "robot", "seed", "scenario", "config", "revision", "versions", "machine", "load",
-"seconds", "cpu_seconds", "case"}``: ``case`` holds inputs and outcome; the key is a hash of bench, configuration,
-revision, versions, inputs and, of a timed case, machine.
+"seconds", "cpu_seconds", "case"}``. ``case`` holds inputs and outcome. The key is a hash of bench, configuration,
+revision, versions and inputs, and of the machine for a timed case.
 """
 
 import fcntl
@@ -20,12 +20,12 @@ from benchmarks.core.executors import Done
 from benchmarks.core.provenance import digest
 from models.errors import ConfigError
 
-#: Names in a JSON line of the numbers that JSON cannot represent
+#: Names in JSON lines for numbers that JSON cannot represent
 NONFINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 
 def plain(value: Any) -> Any:
-    """The value in dictionaries, lists, strings and Python's own numbers."""
+    """Convert a value to dictionaries, lists, strings and Python numbers."""
     if isinstance(value, dict):
         return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
@@ -36,22 +36,22 @@ def plain(value: Any) -> Any:
 
 
 def with_null(value: Any) -> Any:
-    """A plain value with null for NaN and infinities; ``with_nan`` cannot distinguish them from another null."""
+    """Replace NaN and infinities by null; ``with_nan`` cannot distinguish them from other nulls."""
     return _each(value, lambda entry: None if _nonfinite(entry) else entry)
 
 
 def with_nan(value: Any) -> Any:
-    """A plain value with NaN for every null."""
+    """Replace every null by NaN."""
     return _each(value, lambda entry: math.nan if entry is None else entry)
 
 
 def encode_nonfinite(value: Any) -> Any:
-    """A plain value with the names of ``NONFINITE`` for NaN and infinities; ``decode_nonfinite`` is the inverse."""
+    """Replace NaN and infinities by the names of ``NONFINITE``; inverse of ``decode_nonfinite``."""
     return _each(value, lambda entry: _name(entry) if _nonfinite(entry) else entry)
 
 
 def decode_nonfinite(value: Any) -> Any:
-    """A plain value with NaN and infinities for the names of ``NONFINITE``."""
+    """Replace the names of ``NONFINITE`` by NaN and infinities."""
     return _each(value, lambda entry: NONFINITE.get(entry, entry) if isinstance(entry, str) else entry)
 
 
@@ -64,7 +64,7 @@ def _name(value: float) -> str:
 
 
 def _each(value: Any, change: Callable[[Any], Any]) -> Any:
-    """A plain value with ``change`` applied to every entry that is neither a dictionary nor a list."""
+    """Apply ``change`` to every entry that is neither a dictionary nor a list."""
     if isinstance(value, dict):
         return {key: _each(entry, change) for key, entry in value.items()}
     if isinstance(value, list):
@@ -74,18 +74,18 @@ def _each(value: Any, change: Callable[[Any], Any]) -> Any:
 
 Line = dict[str, Any]
 
-#: Key of a case that could not be measured on this machine: it is reported, not kept, and measured by the next run
+#: Marks a case that could not be measured on this machine: it is reported, but not stored, and the next run retries it
 NOT_RUN = "not_run"
 
 
 def case_key(bench: str, config: str, revision: str, environment: Mapping[str, str], inputs: Mapping[str, Any]) -> str:
-    """Hash of bench, ``provenance.configuration``, ``source_state``, packages and machine, and inputs with the seed."""
+    """Hash bench, ``provenance.configuration``, ``source_state``, packages and machine, and inputs with seed."""
     parts = [bench, config, revision, dict(environment), encode_nonfinite(plain(dict(inputs)))]
     return digest(json.dumps(parts, sort_keys=True).encode())
 
 
 def scenario_of(inputs: Mapping[str, Any]) -> str:
-    """Scenario of a case, or its inputs besides robot and seed, as text."""
+    """Return the scenario of a case, or its inputs other than robot and seed as text."""
     if "scenario" in inputs:
         return str(inputs["scenario"])
     parts = {name: value for name, value in inputs.items() if name not in ("robot", "seed") and value != ""}
@@ -95,7 +95,7 @@ def scenario_of(inputs: Mapping[str, Any]) -> str:
 def line_of(
     key: str, bench: str, robot: str, config: str, inputs: Mapping[str, Any], case: Mapping[str, Any], done: Done
 ) -> Line:
-    """Entry of one finished case."""
+    """Return the JSON line of a finished case."""
     given = {"key": key, "bench": bench, "robot": robot, "seed": inputs.get("seed"), "scenario": scenario_of(inputs)}
     names = ("revision", "versions", "machine", "load", "seconds", "cpu_seconds")
     where = {name: getattr(done, name) for name in names}
@@ -103,10 +103,10 @@ def line_of(
 
 
 def read_lines(path: Path) -> list[Line]:
-    """Every whole line of a file of JSON lines; empty without a file; ``ConfigError`` names a damaged line."""
+    """Read all complete JSON lines of a file; empty without a file; ``ConfigError`` for a damaged line."""
     if not path.is_file():
         return []
-    *whole, _ = path.read_bytes().split(b"\n")  # an incomplete last line was cut off in writing
+    *whole, _ = path.read_bytes().split(b"\n")  # a last line without newline was not completely written
     return [_parsed(text, f"{path}, line {number}") for number, text in enumerate(whole, start=1) if text]
 
 
@@ -122,7 +122,7 @@ def _parsed(text: bytes, where: str) -> Line:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """``ConfigError`` where a file or folder cannot be written."""
+    """Convert ``OSError`` to ``ConfigError`` when a file or folder cannot be written."""
     try:
         yield
     except OSError as error:
@@ -130,14 +130,14 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def check_folder(path: Path) -> None:
-    """Make a folder; ``ConfigError`` where no file can be written into it."""
+    """Create a folder; ``ConfigError`` if files cannot be written into it."""
     with writing(path):
         path.mkdir(parents=True, exist_ok=True)
         TemporaryFile(dir=path).close()
 
 
 def check_file(path: Path) -> None:
-    """Make the folder of a file; ``ConfigError`` where the file cannot be written."""
+    """Create the folder of a file; ``ConfigError`` if the file cannot be written."""
     check_folder(path.parent)
     with writing(path):
         if path.exists():
@@ -145,7 +145,7 @@ def check_file(path: Path) -> None:
 
 
 def append_line(path: Path, line: Line) -> None:
-    """Add one line to a file of JSON lines, in place of an incomplete last line."""
+    """Append a JSON line; an incomplete last line is removed first."""
     with path.open("a+b") as file:
         _truncate_incomplete_line(file)
         file.write(line_text(line).encode())
@@ -157,14 +157,14 @@ def _truncate_incomplete_line(file: BinaryIO) -> None:
 
 
 def line_text(line: Line) -> str:
-    """JSON of a line, with the newline."""
+    """Return the JSON text of a line, with newline."""
     return json.dumps(encode_nonfinite(plain(line)), allow_nan=False) + "\n"
 
 
 class ResultsFile(AbstractContextManager["ResultsFile"]):
-    """Finished cases by key; locks the file while open, and removes an incomplete last line.
+    """Finished cases by key; locks the file while open and removes an incomplete last line.
 
-    ``ConfigError`` where it cannot be written, is damaged, or another sweep has it.
+    ``ConfigError`` if it cannot be written, is damaged, or is locked by another sweep.
     """
 
     def __init__(self, path: Path) -> None:
@@ -183,14 +183,14 @@ class ResultsFile(AbstractContextManager["ResultsFile"]):
             raise
         self._lines = {line["key"]: line for line in lines if "key" in line and not line["case"].get(NOT_RUN)}
         _truncate_incomplete_line(self._file)
-        self.found = self.added = 0  #: Requested cases that were in the file, and cases written
-        self.requested: dict[str, list[str]] = {}  #: Keys of the cases that each benchmark requested, in order
+        self.found = self.added = 0  #: Requested cases found in the file, and cases written
+        self.requested: dict[str, list[str]] = {}  #: Keys of the cases requested by each benchmark, in order
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
     def case(self, key: str) -> Line | None:
-        """Inputs and outcome of a finished case; None when it is not finished."""
+        """Return inputs and outcome of a finished case; None if it is not finished."""
         line = self._lines.get(key)
         if line is None:
             return None
@@ -202,7 +202,7 @@ class ResultsFile(AbstractContextManager["ResultsFile"]):
         return all(key in self._lines for key in keys)
 
     def add(self, line: Line) -> None:
-        """Write a finished case, unless it is there."""
+        """Write a finished case, unless the file has it."""
         if line["key"] in self._lines:
             return
         self._lines[line["key"]] = line

@@ -1,4 +1,4 @@
-"""What the benchmarks of time share: how they run, how figures are judged over seeds, quantiles, the plot of tails."""
+"""Common parts of the timing benchmarks: execution, judgement over seeds, quantiles, plot of tails."""
 
 import gc
 import resource
@@ -19,13 +19,13 @@ from models.types import SolveStatus, Vector
 MICRO = 1e-3  # nanoseconds to microseconds
 STATUSES = tuple(SolveStatus)
 
-#: Percentiles that a case keeps of every subject, for the plot [%]
+#: Percentiles that a case stores for the plot of each subject [%]
 QUANTILES = (*np.linspace(0.0, 99.0, 100).tolist(), 99.5, 99.8, 99.9, 99.95, 100.0)
 
 
 @contextmanager
 def collector_off() -> Iterator[None]:
-    """Freeze live objects and switch the garbage collector off."""
+    """Freeze live objects and disable the garbage collector within the context."""
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -37,12 +37,12 @@ def collector_off() -> Iterator[None]:
 
 
 def blocks_growth(seconds: Sequence[int], period: float) -> float:
-    """Growth of blocks [1/tick], from ``sys.getallocatedblocks`` after every second and the tick's ``period`` [s]."""
+    """Return the growth of blocks [1/tick] from ``sys.getallocatedblocks`` per second; ``period`` of a tick [s]."""
     return float(np.median(np.diff(seconds))) * period
 
 
 def resident_growth(run: Callable[[float], None], settle: float, time: float) -> float:
-    """Growth of resident memory over a run of ``time`` [s], after one of ``settle`` [s], simulated [KiB]."""
+    """Return growth of resident memory [KiB] over ``time`` [s] of simulation, after ``settle`` [s]."""
     with collector_off():
         run(settle)
         before = resident("self")
@@ -51,17 +51,17 @@ def resident_growth(run: Callable[[float], None], settle: float, time: float) ->
 
 
 class Stopwatch:
-    """Times calls, and records which of them the scheduler interrupted."""
+    """Times calls and records whether the scheduler interrupted them."""
 
     def __init__(self, rows: int, subjects: int) -> None:
         self.wall = np.zeros((rows, subjects), dtype=np.int64)  #: Wall-clock time (rows, subjects) [ns]
         self.cpu = np.zeros_like(self.wall)  #: CPU time of the thread (rows, subjects) [ns]
         #: Whether the scheduler interrupted the call (rows, subjects)
         self.preempted = np.zeros(self.wall.shape, dtype=bool)
-        self.count = 0  #: Rows begun by ``timing``
+        self.count = 0  #: Rows started by ``timing``
 
     def measure(self, row: int, subject: int, call: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
-        """Time one call; returns what it returns."""
+        """Time one call and return its result."""
         switches = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
         cpu = thread_time_ns()
         start = perf_counter_ns()
@@ -74,7 +74,7 @@ class Stopwatch:
 
     @contextmanager
     def timing(self, owner: Any, name: str, subject: int = 0) -> Iterator[None]:
-        """Time every call of a method meanwhile; a call of subject 0 begins the next row; calls of a row add up."""
+        """Time every call of a method within the context; subject 0 starts a new row; calls in a row add up."""
         inner = getattr(owner, name)
 
         def timed(*arguments: Any, **named: Any) -> Any:
@@ -92,26 +92,26 @@ class Stopwatch:
             yield
 
     def times(self, *subjects: int) -> Vector:
-        """Time of some subjects together in each row in which none was pre-empted (n,) [us]."""
+        """Return the summed time of subjects (n,) [us], for each row in which no subject was pre-empted."""
         wall, preempted = self.wall[: self.count, subjects], self.preempted[: self.count, subjects]
         kept: Vector = wall.sum(axis=1)[~preempted.any(axis=1)] * MICRO
         return kept
 
 
 class TimedBenchmark(Benchmark):
-    """A benchmark of time: one case with ``figures`` a seed, measured alone; every seed must hold every bound."""
+    """Timing benchmark: one case with ``figures`` per seed, measured alone; every seed must satisfy every bound."""
 
     alone = True
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Those of ``over_seeds``, but of the worst seed where a bound judges them."""
+        """Return ``over_seeds``, with the value of the worst seed for every figure with a bound."""
         found = over_seeds(cases)
         bounds = self.bounds(Report(self.name, "", len(cases), found, cases, False, {}))
         worst = {name: _worst(cases, name, bound)["figures"][name] for name, bound in bounds.items() if name in found}
         return found | worst
 
     def judged(self, report: Report) -> list[tuple[bool, str]]:
-        """Whether each bound holds for every seed, and the figure of the worst in words."""
+        """Return, for each bound, whether it holds for every seed, and a text with the worst figure."""
         found = []
         for name, bound in self.bounds(report).items():
             worst = _worst(report.cases, name, bound)
@@ -125,13 +125,13 @@ class TimedBenchmark(Benchmark):
 
 
 def _worst(cases: Sequence[Case], name: str, bound: Bound) -> Case:
-    """The case whose figure is the worst for its bound; NaN counts as the worst."""
+    """Return the case with the worst figure for a bound; NaN is the worst."""
     values = [case["figures"].get(name, np.nan) for case in cases]
     return cases[int(np.argmax(values) if np.isinf(bound.least) else np.argmin(values))]
 
 
 def solution_figures(residual: NDArray[np.float64], status: NDArray[np.int64]) -> dict[str, float]:
-    """Figures of the QPs, from KKT residuals (ticks,) [-] and indices into ``STATUSES`` (ticks,)."""
+    """Return the figures of QPs, from KKT residuals (ticks,) [-] and indices into ``STATUSES`` (ticks,)."""
     figures = {"kkt_residual_max": float(residual.max())}
     for index, name in enumerate(STATUSES):
         figures[f"ticks_{name.value}"] = float(np.count_nonzero(status == index))
@@ -141,7 +141,7 @@ def solution_figures(residual: NDArray[np.float64], status: NDArray[np.int64]) -
 
 
 def over_seeds(cases: Sequence[Case]) -> dict[str, float]:
-    """Figures of all cases: the median of each, but the worst of tails, residuals, failures and growth."""
+    """Combine the figures of all cases: the worst for tails, residuals, failures and growth, otherwise the median."""
     figures = {}
     for name in cases[0]["figures"]:
         values = [case["figures"][name] for case in cases]
@@ -150,18 +150,18 @@ def over_seeds(cases: Sequence[Case]) -> dict[str, float]:
     return figures
 
 
-Spread = dict[str, Any]  # ``count`` of the samples, and their ``quantiles`` at ``QUANTILES``; plain values, for a case
+Spread = dict[str, Any]  # ``count`` of samples and ``quantiles`` at ``QUANTILES``, as plain values
 
 
 def spread(samples: ArrayLike) -> Spread:
-    """What is kept of some samples (n,); NaN where there is none."""
+    """Return count and quantiles of samples (n,); NaN without samples."""
     values = np.asarray(samples, dtype=np.float64)
     found = np.percentile(values, QUANTILES) if values.size else np.full(len(QUANTILES), np.nan)
     return {"count": int(values.size), "quantiles": found.tolist()}
 
 
 def percentiles_of(spreads: Sequence[Spread], percents: Sequence[float] = QUANTILES) -> Vector:
-    """Percentiles (k,) of all samples together, exact at ``QUANTILES`` for one spread; NaN without samples."""
+    """Return percentiles (k,) of all samples, exact at ``QUANTILES`` for one spread; NaN without samples."""
     held = [each for each in spreads if each["count"]]
     if not held:
         return np.full(len(percents), np.nan)

@@ -1,1 +1,1 @@
-"""Faults of sensors, motors, users, world, processes and topics, and how the robot reacts."""
+"""Faults of sensors, motors, users, environment, processes and topics, and the reaction of the robot."""

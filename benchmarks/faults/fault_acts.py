@@ -1,4 +1,4 @@
-"""Acts of fault rows: invalid trajectories, commands at the wrong time, the world, the solver."""
+"""Acts of fault rows: invalid trajectories, commands in a wrong state, disturbances, solver faults."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -23,13 +23,13 @@ from models.robot_model import RobotModel
 from models.terrain import terrain_named
 from models.types import CommandReply, ControlResult, JointTrajectory, Matrix, Mode
 
-#: One step of an act before each tick; yields the reply to a command, if any
+#: Steps of an act, one before each tick; each yields the reply to a command, if any
 Steps: TypeAlias = Iterator[CommandReply | None]
 Act: TypeAlias = Callable[[ClosedLoop], Steps]  # disturbance or command of a row
 
 
 def attempt(request: Callable[[], object]) -> CommandReply:
-    """Make a request that may be refused; returns the reply, with the reason."""
+    """Make a request and return the reply; a ``PoiseError`` becomes a refusal with its text."""
     try:
         request()
     except PoiseError as error:
@@ -38,18 +38,18 @@ def attempt(request: Callable[[], object]) -> CommandReply:
 
 
 def failure(reason: str) -> CommandReply:
-    """A refusal that makes a row fail in which nothing may be refused."""
+    """Return a refusal; it fails a row that expects none."""
     return CommandReply(False, reason)
 
 
 def pause(loop: ClosedLoop, duration: float) -> Steps:
-    """Do nothing for a time [s]."""
+    """Wait for a time [s]."""
     for _ in range(round(duration / loop.plant.period)):
         yield None
 
 
 def commands(*texts: str) -> Act:
-    """The act that sends text commands, one in each tick."""
+    """Return an act that sends text commands, one per tick."""
 
     def act(loop: ClosedLoop) -> Steps:
         for text in texts:
@@ -59,7 +59,7 @@ def commands(*texts: str) -> Act:
 
 
 def once(do: Callable[[ClosedLoop], CommandReply | None]) -> Act:
-    """The act that does one thing; what it returns is the reply."""
+    """Return an act with one step, whose result is the reply."""
 
     def act(loop: ClosedLoop) -> Steps:
         yield do(loop)
@@ -67,7 +67,7 @@ def once(do: Callable[[ClosedLoop], CommandReply | None]) -> Act:
     return act
 
 
-#: Fields that make a trajectory that holds the posture invalid
+#: Returns the fields that make a trajectory invalid, given a trajectory that holds the posture
 Corruption = Callable[[JointTrajectory, RobotModel], dict[str, Any]]
 
 
@@ -87,7 +87,7 @@ def _wrong(corrupt: Corruption) -> Act:
 
 
 def _with(values: Matrix, points: int | slice, value: float) -> Matrix:
-    """Values (n, nj) with another value for the first joint at some points."""
+    """Return a copy of (n, nj) with a value set for the first joint at some points."""
     changed = values.copy()
     changed[points, 0] = value
     return changed
@@ -104,11 +104,11 @@ def _times(*times: float) -> Corruption:
     return lambda held, robot: {"times": np.array(times)}
 
 
-#: Wall time at the start of the simulation, and how far stamps of signed commands may be from it [s]
+#: Wall time at the start of the simulation, and tolerance for stamps of signed commands [s]
 WALL_TIME, WINDOW = 1.7e9, 0.1
 KEY, OTHER_KEY = bytes(KEY_BYTES), bytes([1]) * KEY_BYTES
 
-PATIENCE = 0.2  # until a robot has damped [s]
+PATIENCE = 0.2  # maximum time until a robot damps [s]
 
 
 def _velocity(forward: float) -> Act:
@@ -116,7 +116,7 @@ def _velocity(forward: float) -> Act:
 
 
 def _stand_in_walk(loop: ClosedLoop) -> Steps:
-    """Command stand while walking: the robot may stand only between two steps."""
+    """Command stand while walking: the robot may enter stand only between two steps."""
     yield loop.command("stand")
     while loop.mode is Mode.WALK:
         yield None
@@ -144,14 +144,14 @@ def _flood(loop: ClosedLoop) -> Steps:
 
 
 def _signed(lines: Callable[[Callable[[], int]], tuple[str, ...]]) -> Act:
-    """Send lines, made with the clock of wall time [ns], to a robot that accepts signed commands only."""
+    """Send lines to a robot that accepts only signed commands; ``lines`` receives the wall clock [ns]."""
 
     def act(loop: ClosedLoop) -> Steps:
         def clock() -> int:
             return round((WALL_TIME + loop.t) * NANOSECONDS)
 
         verifier = Verifier(KEY, WINDOW, clock)
-        yield from pause(loop, 2.0 * WINDOW)  # a verifier that has just started accepts nothing
+        yield from pause(loop, 2.0 * WINDOW)  # a new verifier rejects everything at first
 
         for line in lines(clock):
             replies: list[CommandReply] = []
@@ -167,7 +167,7 @@ def _replayed(clock: Callable[[], int]) -> tuple[str, ...]:
 
 
 def _commanders(loop: ClosedLoop) -> Steps:
-    """Send a text of autonomy while teleop is in command."""
+    """Send a text from autonomy while teleop has control."""
     arbiter = Arbiter()
     arbiter.repeat("teleop", (0.1, 0.0, 0.0), loop.t)
     loop.set_velocity(*arbiter.velocity(loop.t))
@@ -177,7 +177,7 @@ def _commanders(loop: ClosedLoop) -> Steps:
 
 
 def _locked(loop: ClosedLoop) -> Steps:
-    """Send a velocity of teleop while a lock is set."""
+    """Send a velocity from teleop while a lock is set."""
     arbiter = Arbiter()
     arbiter.lock("pause", True, loop.t)
     refused = attempt(lambda: arbiter.repeat("teleop", (0.1, 0.0, 0.0), loop.t))
@@ -185,21 +185,21 @@ def _locked(loop: ClosedLoop) -> Steps:
     yield refused
 
 
-#: Time between two kicks, length of each [s], and the velocity that it gives [m/s]
+#: Time between two kicks, duration of each [s], and the velocity change [m/s]
 KICK_PERIOD, KICK_TIME, KICK_SPEED = 4.0, 0.1, 0.2
-#: Of a crane: up, and down until the feet bear the weight [m/s, s]
+#: Crane speed and time: upwards, and downwards until the feet bear the weight [m/s, s]
 HOIST_SPEED, HOIST_TIME, LOWER_SPEED, LOWER_TIME = 0.3, 0.5, 0.05, 5.0
-HANGING_SPEED = 4.0  # no joint of a hanging robot turns faster [rad/s]
-BOX = "box"  # terrain with a box that may be put into the way
+HANGING_SPEED = 4.0  # maximum joint speed of a hanging robot [rad/s]
+BOX = "box"  # terrain with a box that can be placed in the way
 
-#: Velocities of a turn [rad/s] and of a walk [m/s], and the way to a box that is free at first [m]
+#: Velocity of a turn [rad/s] and of a walk [m/s], and free distance to a box at first [m]
 TURN, FORWARD, FREE_WAY = 0.3, 0.3, 1.0
 
 
 def _kick(loop: ClosedLoop) -> Steps:
     force = loop.robot.mass * KICK_SPEED / KICK_TIME
     for number in range(1000):
-        angle = 2.4 * number  # [rad] the golden angle: never the same side
+        angle = 2.4 * number  # [rad] golden angle: directions never repeat
         loop.apply_push((force * np.cos(angle), force * np.sin(angle), 0.0), KICK_TIME)
         yield from pause(loop, KICK_PERIOD)
 
@@ -209,14 +209,14 @@ def _knock_down(loop: ClosedLoop) -> None:
 
 
 def _crane(loop: ClosedLoop, speed: float, duration: float) -> Steps:
-    """Move a held robot up [m/s] for a time [s]."""
+    """Move a held robot up at ``speed`` [m/s] for a time [s]."""
     for _ in pause(loop, duration):
         loop.data.mocap_pos[0, 2] += speed * loop.plant.period
         yield None
 
 
 def _lift(loop: ClosedLoop) -> Steps:
-    """Lift a robot that turns on the spot, let it hang, put it down, and let it walk again."""
+    """Lift a robot that turns in place, let it hang, lower it, and walk again."""
     loop.set_velocity(0.0, 0.0, TURN)
     yield from pause(loop, 1.5)
     loop.plant.hold()
@@ -243,7 +243,7 @@ def _lift(loop: ClosedLoop) -> Steps:
 
 
 def _stand_in_the_way(loop: ClosedLoop) -> Steps:
-    """Place a box ahead of a walk, and remove it later."""
+    """Place a box in front of a walking robot and remove it later."""
     box = terrain_named(BOX).obstacle
     depth = 0.0 if box is None else box.size[0]
     reach = BodyOutline(loop.robot).reach(np.array([1.0, 0.0]))
@@ -260,7 +260,7 @@ def _stand_in_the_way(loop: ClosedLoop) -> Steps:
 
 
 def _changed(find: Callable[[ClosedLoop], Any], method: str, change: Callable[[Any], Any], ticks: int) -> Act:
-    """Change the result of a method of the object that ``find`` returns, for some ticks."""
+    """Change the result of a method of ``find(loop)`` for a number of ticks."""
 
     def act(loop: ClosedLoop) -> Steps:
         owner = find(loop)
@@ -284,7 +284,7 @@ def _nan_gradient(qp: QP) -> QP:
 
 
 def _contradiction(qp: QP) -> QP:
-    """Limits of a joint outside of the legs contradict each other: faster than 1 rad/s^2, slower than -1."""
+    """Make the limits of a joint outside of the legs infeasible: lower limit 1 rad/s^2, upper limit -1."""
     row = np.flatnonzero(qp.soft & (np.abs(qp.matrix).sum(axis=1) == 1.0))[0]
     qp.lower[row], qp.upper[row] = 1.0, -1.0
     return qp

@@ -1,4 +1,4 @@
-"""Faults of sensors, motors, solver, users and world in lockstep: what the robot must do, and what it does."""
+"""Lockstep faults of sensors, motors, solver, users and environment: required and observed reaction."""
 
 import math
 import tempfile
@@ -28,30 +28,30 @@ from models.robot_model import RobotModel
 from models.types import Mode
 from models.urdf import resolve_uri
 
-KNEE = "{knee}"  # stands for the name of the left knee's joint
+KNEE = "{knee}"  # placeholder for the name of the left knee joint
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class LoopChanges:
-    """Differences from a plain closed loop; see ``ClosedLoop``."""
+    """Options that differ from a plain closed loop; see ``ClosedLoop``."""
 
     friction: float | None = None  #: Coulomb coefficient [-]
-    payload_kg: float = 0.0  #: At the torso [kg]
+    payload_kg: float = 0.0  #: Payload at the torso [kg]
     terrain: str = "flat"  #: Name of the ground
-    misalignment: list[float] | None = None  #: Of the IMU (3,) [rad]
-    obstacle_stop: bool = False  #: Whether the scanner stops a walk
-    profile: dict[str, Any] = Field(default_factory=dict)  #: Changed entries of the robot's profile, nested as there
-    #: Mass of the robot's first body in the URDF, relative to the one the laws were built from [-]
+    misalignment: list[float] | None = None  #: Misalignment of the IMU (3,) [rad]
+    obstacle_stop: bool = False  #: Whether the scanner stops the walk before obstacles
+    profile: dict[str, Any] = Field(default_factory=dict)  #: Changed entries of the robot's profile, nested alike
+    #: Mass of the first body in the URDF, relative to the mass in the model of the control laws [-]
     described_mass: Positive = 1.0
 
 
 @schema(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Row(AnyRow):
-    """One fault in lockstep; acts are of ``benchmarks/faults/fault_acts.py``, '{knee}' in a reason is the knee's name.
+    """Lockstep fault; acts are in ``benchmarks/faults/fault_acts.py``, '{knee}' in a reason is the knee joint's name.
 
     ``expect`` is the required reaction, ``faults`` are those of ``bridge.plants.fault_plan``, ``box`` requires a black
-    box. A pushed robot steps first: where nothing can take the push, times count from its end, ``push`` [s] after the
-    injection.
+    box. A pushed robot steps first. If no step can stop it, times count from the end of the push, ``push`` [s] after
+    the injection.
     """
 
     expect: Literal["rides", "damps", "stands", "refuses"]
@@ -63,7 +63,7 @@ class Row(AnyRow):
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Margin:
-    """A delay of all joint states to be found: the robot must ride through at least ``required`` [s]."""
+    """Search for the largest tolerated delay of all joint states, which must be at least ``required`` [s]."""
 
     group: str
     required: Positive
@@ -72,7 +72,7 @@ class Margin:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class FaultsConfig:
-    """All rows; the unit of every value stands in ``benchmarks/config/faults.yaml``."""
+    """All rows; the units are in ``benchmarks/config/faults.yaml``."""
 
     settle: Positive
     duration: Positive
@@ -87,7 +87,7 @@ config = partial(settings, FaultsConfig, "faults")
 
 
 def with_knee(value: Any, knee: str) -> Any:
-    """A value of a row with the knee's name put in."""
+    """Replace the placeholder by the name of the knee joint in a value of a row."""
     if isinstance(value, str):
         return value.replace(KNEE, knee)
     if isinstance(value, dict):
@@ -96,7 +96,7 @@ def with_knee(value: Any, knee: str) -> Any:
 
 
 def robot_of(name: str, changes: LoopChanges, folder: Path) -> RobotModel:
-    """Load a robot with the changes of a row, its files written to ``folder``; ``PoiseError`` if that fails."""
+    """Load a robot with the changes of a row, using files in ``folder``; ``PoiseError`` if that fails."""
     if not changes.profile and changes.described_mass == 1.0:
         return RobotModel.load(name)
     source = Path(load_profile(name).source)
@@ -112,7 +112,7 @@ def robot_of(name: str, changes: LoopChanges, folder: Path) -> RobotModel:
     return robot
 
 
-BOX_TIME = 1.0  # watched longer where a black box must be left, which is written a little after the fault [s]
+BOX_TIME = 1.0  # additional observation time for a black box, which is written some time after the fault [s]
 
 
 class _Trial:
@@ -136,7 +136,7 @@ class _Trial:
         self._modes: list[tuple[float, Mode]] = []
 
     def run(self) -> Case:
-        """Settle, inject, watch."""
+        """Settle, inject the fault, observe the reaction."""
         given, loop, row = config(), self._loop, self._row
         if row.walk:
             start_walk(loop, given.forward)
@@ -185,7 +185,7 @@ class _Trial:
 
 
 def trial(robot: str, seed: int, given: Row) -> Case:
-    """Run one row: ``seen``, ``reason``, ``time`` to the expected mode [s], ``torque_step`` over its limit, ``ok``."""
+    """Run one row: ``seen``, ``reason``, ``time`` to the expected mode [s], ``torque_step`` over limit [-], ``ok``."""
     with tempfile.TemporaryDirectory(prefix="poise_faults_") as folder:
         try:
             outcome = _Trial(robot, seed, given, Path(folder)).run()
@@ -196,7 +196,7 @@ def trial(robot: str, seed: int, given: Row) -> Case:
 
 
 def margin(robot: str, seed: int, row: str) -> Case:
-    """Bisect the largest delay that the robot rides through, its ``margin`` [s]; a row of the table."""
+    """Bisect the largest delay that the robot tolerates, ``margin`` [s]; returns a row of the table."""
     given = config()
     asked, reason, steps = given.margins[row], "", [0.0]
 
@@ -225,13 +225,13 @@ def margin(robot: str, seed: int, row: str) -> Case:
 
 
 def measure(robot: str, seed: int, row: str) -> Case:
-    """Run one row (``trial``) or find one margin (``margin``)."""
+    """Run one row (``trial``) or search one margin (``margin``)."""
     given = config()
     return margin(robot, seed, row) if row in given.margins else trial(robot, seed, given.rows[row])
 
 
 class Faults(FaultBenchmark):
-    """Every row and every margin, or those chosen, with every seed."""
+    """All rows and margins, or the selected ones, for every seed."""
 
     measure = staticmethod(measure)
 

@@ -1,6 +1,6 @@
-"""Faults of processes, topics and host, injected into the real graph over DDS; one graph for all rows of a kind.
+"""Faults of processes, topics and host in a real graph over DDS; all rows of one kind share a graph.
 
-Times run from the act to the message with the reaction, on the monotonic clock, transport included.
+Times are on the monotonic clock, from the act to the message with the reaction, including transport.
 """
 
 import tempfile
@@ -23,8 +23,8 @@ from models.errors import PoiseError
 from models.nodes import topics
 from models.robot_model import RobotModel
 
-REASON_MAX = 300  # longest reason in the report [characters]
-FALLEN = 0.5  # part of its height that is left of a robot that has fallen [-]
+REASON_MAX = 300  # maximum length of a reason in the report [characters]
+FALLEN = 0.5  # fraction of the height below which a robot counts as fallen [-]
 
 
 class _Watch:
@@ -34,7 +34,7 @@ class _Watch:
         self._before = 0, 0, 0
 
     def run(self) -> Case:
-        """Do it, watch, judge."""
+        """Perform the act, observe and judge."""
         stage, row = self._stage, self._row
         stage.begin(row)
         height, mode, pids = stage.height, stage.graph.mode, dict(stage.graph.pids)
@@ -92,7 +92,7 @@ class _Watch:
         return not damped and stage.graph.mode == (self._row.mode or "stand"), seen, at
 
     def _foot_in_the_air(self) -> str:
-        """Phase of the gait in which mode walk was left, if a foot was in the air then; empty if none was."""
+        """Return the gait phase at the end of mode walk if a foot was in the air; otherwise empty."""
         phase = ""
         for _, topic, text in self._stage.messages:
             if topic == topics.GAIT_PHASE:
@@ -112,12 +112,12 @@ class _Watch:
 def _with_seed(model: RobotModel, robot: str, seed: int, rows: list[str], folder: Path) -> Iterator[Case]:
     for kind in dict.fromkeys(config().rows[name].graph for name in rows):
         left = [name for name in rows if config().rows[name].graph == kind]
-        while left:  # a new graph where a row has left one that cannot be brought back
+        while left:  # new graph after a row whose graph could not be restored
             yield from _on_graph(model, kind, robot, seed, left, folder)
 
 
 def _on_graph(model: RobotModel, kind: Kind, robot: str, seed: int, left: list[str], folder: Path) -> Iterator[Case]:
-    """Do rows to one graph and take them out of ``left``, as long as it can be brought back."""
+    """Run rows on one graph and remove them from ``left``, as long as the graph can be restored."""
     name, done = "", ""
     try:
         with ExitStack() as stack:
@@ -151,7 +151,7 @@ def _without(seen: str) -> Case:
 
 
 class GraphFaults(FaultBenchmark):
-    """Every row, or those chosen, once a seed; rows of one kind share a graph."""
+    """All rows, or the selected ones, once per seed; rows of one kind share a graph."""
 
     def cases(self, options: Options) -> list[Case]:
         rows = chosen("graph_faults", options.scenarios, list(config().rows))

@@ -1,4 +1,4 @@
-"""Acts of ``poise bench hardware_faults``: each injects a fault for as long as its context lasts."""
+"""Acts of ``poise bench hardware_faults``: each injects a fault for the duration of its context."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -16,15 +16,15 @@ from models.types import JointCommand
 AnyLoop: TypeAlias = PlantLoop[Any, Any, Any, Any]
 Act: TypeAlias = Callable[[Any, float], AbstractContextManager[Any]]
 
-B_BUTTON = 9  #: Bit of button B of the remote controller
+B_BUTTON = 9  #: Bit of button B on the remote controller
 KNEE = 3  #: Motor of the left knee
-WRIST = 20  #: Motor of a left wrist joint, which bears no weight
-EMPTY_COMMAND = b"\0\1" + bytes(30)  #: std_msgs/Float64MultiArray without numbers, serialised
-BOOT_TIME = 0.5  #: Without states while the robot's side restarts [s]
+WRIST = 20  #: Motor of a left wrist joint; it bears no weight
+EMPTY_COMMAND = b"\0\1" + bytes(30)  #: Serialised std_msgs/Float64MultiArray without numbers
+BOOT_TIME = 0.5  #: Time without states while the robot side restarts [s]
 
 
 def _at_once(change: Callable[[Any, float], object]) -> Act:
-    """Something that happens when the context begins and is not undone."""
+    """Return an act that makes a change at the start of its context, without undoing it."""
 
     @contextmanager
     def act(loop: AnyLoop, value: float) -> Iterator[None]:
@@ -35,12 +35,12 @@ def _at_once(change: Callable[[Any, float], object]) -> Act:
 
 
 def _replaced(part: str, name: str, make: Callable[[AnyLoop, float], Any]) -> Act:
-    """An attribute of a part of the loop has the value that is made of the row's."""
+    """Replace an attribute of a part of the loop by ``make(loop, value)``."""
     return lambda loop, value: patch.object(getattr(loop, part), name, make(loop, value))
 
 
 def _set(name: str) -> Act:
-    """An attribute of the robot has the value of the row, all elements of an array."""
+    """Set an attribute of the robot side, or all elements of an array, to the value of the row."""
 
     def changed(loop: AnyLoop, value: float) -> Any:
         before = getattr(loop.side, name)
@@ -50,7 +50,7 @@ def _set(name: str) -> Act:
 
 
 def _states(make: Callable[[AnyLoop, float], Callable[[Any], Any]]) -> Act:
-    """The states change on the cable."""
+    """Change the states on the cable."""
     return _replaced("link", "states_pass", make)
 
 
@@ -74,7 +74,7 @@ def _repeated(loop: AnyLoop, value: float) -> Callable[[bytes], bytes]:
 
 
 def _measured(name: str, motor: int, value_of: Callable[[float], float]) -> Act:
-    """The robot reports a wrong value of one motor."""
+    """Report a wrong value for one motor."""
 
     def make(loop: AnyLoop, value: float) -> Callable[[bytes], bytes]:
         def passed(data: bytes) -> bytes:
@@ -89,20 +89,20 @@ def _measured(name: str, motor: int, value_of: Callable[[float], float]) -> Act:
 
 @_at_once
 def _clock(loop: HardwareLoop, value: float) -> None:
-    """The robot's tick jumps by a time [s]."""
+    """Shift the robot's tick by a time [s]."""
     loop.side.clock_offset = round(1000.0 * value)
 
 
 @_at_once
 def _once(loop: HardwareLoop, value: float) -> None:
-    """One LowCmd of another program: no torque."""
+    """Publish one LowCmd of another program, without torque."""
     record = LOW_CMD.new()
     record["mode_machine"] = loop.side.mode_machine
     loop.link.publish(LOW_CMD.write(record))
 
 
 def _commander(loop: HardwareLoop, rate: float) -> AbstractContextManager[Any]:
-    """Another program commands the robot to its zero posture, with moderate gains, at a rate [Hz]."""
+    """Publish commands of another program to the zero posture, with moderate gains, at a rate [Hz]."""
     record = LOW_CMD.new()
     record["mode_machine"] = loop.side.mode_machine
     motors = record["motor_cmd"][: loop.robot.nj]
@@ -111,7 +111,7 @@ def _commander(loop: HardwareLoop, rate: float) -> AbstractContextManager[Any]:
 
 
 def _published(loop: AnyLoop, data: bytes, rate: float) -> AbstractContextManager[Any]:
-    """Another program publishes a command at a rate [Hz]."""
+    """Publish a command of another program at a rate [Hz]."""
     ticks, step = round(1000.0 / rate), loop.link.step
 
     def stepped() -> None:
@@ -123,7 +123,7 @@ def _published(loop: AnyLoop, data: bytes, rate: float) -> AbstractContextManage
 
 
 def _command(loop: Ros2ControlLoop) -> bytes:
-    """Command of another driver of the same kind: half of the gains at the zero posture, as they act now."""
+    """Return a command of another driver of the same kind: zero posture with half the gains, at the present state."""
     zero, q = np.zeros(loop.robot.nj), loop.plant.read().q
     codec = command_codec(loop.robot, loop.plant.config, "poise_driver_0")
     return codec.encode(0, JointCommand(zero, zero, zero, 0.5 * loop.robot.kp, loop.robot.kd), q, zero)
@@ -135,12 +135,12 @@ def _silent(loop: AnyLoop, source: str) -> Callable[[Any], Any]:
 
 @_at_once
 def _jump(loop: Ros2ControlLoop, value: float) -> None:
-    """The robot's stamps jump by a time [s]."""
+    """Shift the robot's stamps by a time [s]."""
     loop.side.stamp_offset = round(1e9 * value)
 
 
 def _inactive(source: Source) -> Act:
-    """The controller manager deactivates a controller; that of torques then has none."""
+    """Deactivate a controller in the controller manager; without it there are no torques."""
     return _at_once(lambda loop, value: loop.side.deactivate(source))
 
 
@@ -157,7 +157,7 @@ def _vendor_again(loop: HardwareLoop, value: float) -> None:
 
 
 def _battery(loop: HardwareLoop, value: float) -> AbstractContextManager[Any]:
-    """The robot's side loses its power and starts again: no torque, then its own controller, and a tick from zero."""
+    """Restart the robot side after a power loss: no torque, then the vendor's controller, and the tick from zero."""
     side, loop.link.connected = loop.side, False
     side.command, end = None, side.tick + round(1000.0 * BOOT_TIME)
     loop.link.drop()
@@ -172,7 +172,7 @@ def _battery(loop: HardwareLoop, value: float) -> AbstractContextManager[Any]:
 
 
 def _killed(process: Process) -> Act:
-    """A process stops."""
+    """Stop a process."""
 
     @contextmanager
     def act(loop: AnyLoop, value: float) -> Iterator[None]:
@@ -185,14 +185,14 @@ def _killed(process: Process) -> Act:
 
 @contextmanager
 def _guard_killed(loop: AnyLoop, value: float) -> Iterator[None]:
-    """The guard is killed, and at the end replaced by a new process."""
+    """Kill the guard; a new process replaces it at the end."""
     with _killed(Process.GUARD)(loop, value):
         yield
     loop.restart_guard()
 
 
 def _crashed(vendor: str, *acts: str) -> Act:
-    """The driver begins after a crash, with this controller of the robot and further faults."""
+    """Restart the driver after a crash, with a controller of the vendor and further faults."""
 
     @contextmanager
     def act(loop: HardwareLoop, value: float) -> Iterator[None]:
@@ -232,7 +232,7 @@ ACTS: Mapping[str, Act] = {
     "stamps": _jump,
     "controller_inactive": _inactive(COMMAND),
     "broadcaster_inactive": _inactive(IMU),
-    # of another size: for it the controller manager deactivates the controller
+    # wrong size: the controller manager deactivates the controller
     "wrong_size": _at_once(lambda loop, value: loop.link.publish(EMPTY_COMMAND)),
     "other_driver": lambda loop, rate: _published(loop, _command(loop), rate),
     "other_driver_once": _at_once(lambda loop, value: loop.link.publish(_command(loop))),

@@ -1,6 +1,6 @@
-"""Faults at the boundary of a real robot in lockstep: protocol, robot, network and processes, and the reaction to each.
+"""Lockstep faults at the hardware boundary: protocol, robot, network and processes, and the reaction to each.
 
-States and commands are the bytes of Unitree's protocol or of ros2_control, the robot is a simulated one behind them.
+States and commands are the bytes of Unitree's protocol or of ros2_control; the robot behind them is simulated.
 """
 
 from contextlib import AbstractContextManager, ExitStack
@@ -30,23 +30,23 @@ from models.types import JointCommand, Mode, Vector
 
 @schema(frozen=True, slots=True, kw_only=True, config=STRICT)
 class Row(AnyRow):
-    """One fault; ``act`` is one of ``benchmarks/faults/hardware_acts.py``.
+    """Hardware fault; ``act`` is in ``benchmarks/faults/hardware_acts.py``.
 
-    ``plant`` is what the robot is behind, ``expect`` the required reaction. With ``start`` the fault is there before
-    the start of the robot, which must be refused, or go on; ``at`` is a state of the start in which it comes.
+    ``plant`` is the interface of the robot, ``expect`` the required reaction. With ``start`` the fault exists before
+    the robot starts; the start must be refused or succeed. ``at`` is the start state at which the fault is injected.
     """
 
     plant: Literal["unitree", "ros2_control"] = "unitree"
     expect: Literal["goes on", "holds", "damps", "refuses"]
     start: bool = False
     at: StartState = StartState.STAND
-    value: float = 0.0  #: Of the act, in its unit
-    time: Positive | None = None  #: After which the fault ends [s]; it lasts when None
+    value: float = 0.0  #: Value of the act, in its unit
+    time: Positive | None = None  #: Time after which the fault ends [s]; it persists when None
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class HardwareFaultsConfig:
-    """All rows; the unit of every value stands in ``benchmarks/config/hardware_faults.yaml``."""
+    """All rows; the units are in ``benchmarks/config/hardware_faults.yaml``."""
 
     laws: str
     rate: Positive
@@ -62,11 +62,11 @@ config = partial(settings, HardwareFaultsConfig, "hardware_faults")
 
 
 class CommandSteps:
-    """Torque steps that the commands of driver and guard make: the laws of a command and of the one before, compared.
+    """Torque steps caused by commands of driver and guard, from the laws of consecutive commands.
 
-    Both are evaluated at the true state of the robot when the later one takes effect, within the limits of the drives.
-    ``largest`` is relative to the drive's rate limit over one period, whatever the time between the two; ``torque`` is
-    that step [N.m]. A switch to or from the command of another program does not count.
+    Both laws are evaluated at the true state when the later command takes effect, within the limits of the drives.
+    ``largest`` is relative to the drive's rate limit over one period, independent of the time between the commands;
+    ``torque`` is the same step [N.m]. A switch to or from a command of another program does not count.
     """
 
     def __init__(self, loop: AnyLoop) -> None:
@@ -78,7 +78,7 @@ class CommandSteps:
         self._receive = loop.side.receive
 
     def watch(self) -> AbstractContextManager[Any]:
-        """Compare the commands that the robot receives within this context."""
+        """Compare the commands that the robot receives within the context."""
         return patch.object(self._side, "receive", self._on_command)
 
     def _on_command(self, data: bytes) -> None:
@@ -96,7 +96,7 @@ class CommandSteps:
         self._own = own
 
     def _is_own(self, data: bytes) -> bool:
-        """Whether a command is of the driver or the guard."""
+        """Whether a command is from the driver or the guard."""
         if self._mark is None:
             return int(LOW_CMD.read(data)["reserve"][0]) in (MARK, GUARD_MARK)
         mark: str = self._mark(data)
@@ -109,15 +109,15 @@ class CommandSteps:
 
 
 class Trial:
-    """One row on a robot that stands, off the rope, or that has not been started."""
+    """One row on a robot that stands without rope, or that has stopped in another state of its start."""
 
     def __init__(self, loop: AnyLoop, row: Row) -> None:
         self._loop, self._row = loop, row
-        self._reacted: float | None = None  # after the injection [s]
-        self._why = ""  # reason of the driver at that instant
+        self._reacted: float | None = None  # time after the injection [s]
+        self._why = ""  # reason of the driver at that time
 
     def run(self) -> Case:
-        """Inject, watch, judge; with ``ok``, ``seen``, ``reason``, ``time`` to the reaction [s] and torque steps."""
+        """Inject, observe, judge: ``ok``, ``seen``, ``reason``, ``time`` to the reaction [s], torque steps."""
         loop, row = self._loop, self._row
         if row.walk:
             loop.command("walk")
@@ -139,7 +139,7 @@ class Trial:
 
     @property
     def _reaction(self) -> bool:
-        """Whether the expected reaction has come."""
+        """Whether the expected reaction has occurred."""
         loop = self._loop
         if self._row.expect == "damps":
             return loop.startup.state is StartState.DAMPED or loop.guard.active
@@ -176,9 +176,9 @@ class Trial:
 
 
 def at_start(loop: AnyLoop, row: Row) -> Case:
-    """Start a robot with a fault that is there from the beginning.
+    """Start a robot with a fault that exists from the beginning.
 
-    The start ends by name, without a command, or it goes on, without a command before the operator's confirmation.
+    Either the start fails with a reason before any command, or it succeeds without a command before the confirmation.
     """
     sent, steps = loop.link.sent, CommandSteps(loop)
     with ACTS[row.act](loop, row.value), steps.watch():
@@ -218,7 +218,7 @@ def measure(robot: str, seed: int, row: str) -> Case:
 
 
 class HardwareFaults(FaultBenchmark):
-    """Every row, or those chosen, with every seed."""
+    """All rows, or the selected ones, for every seed."""
 
     measure = staticmethod(measure)
 

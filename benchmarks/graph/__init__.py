@@ -1,1 +1,1 @@
-"""Processes and nodes of a running ROS graph that benchmarks start, load and disturb."""
+"""Processes and nodes with which benchmarks start, load and disturb a running ROS graph."""

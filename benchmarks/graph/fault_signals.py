@@ -1,4 +1,4 @@
-"""Signals that inject faults into a process: SIGUSR1 collects garbage, SIGUSR2 has its next callback raise."""
+"""Signal handlers that inject faults: SIGUSR1 collects garbage, SIGUSR2 makes the next callback raise."""
 
 import gc
 import signal
@@ -14,10 +14,10 @@ def _raise(*arguments: Any) -> None:
 
 
 def install(owner: type, callback: str) -> None:
-    """Install the handlers of the two signals; ``callback`` of the class ``owner`` raises."""
+    """Install both handlers; on SIGUSR2 the method ``callback`` of the class ``owner`` raises."""
 
     def collect(number: int, frame: object) -> None:
-        gc.collect()  # without frozen objects; all objects would take 0.1 s
+        gc.collect()  # skips frozen objects; all objects would take 0.1 s
 
     signal.signal(signal.SIGUSR1, collect)
     signal.signal(signal.SIGUSR2, lambda number, frame: setattr(owner, callback, _raise))

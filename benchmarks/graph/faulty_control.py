@@ -1,4 +1,4 @@
-"""Estimator, gait planner and controller in a process with the signal handlers of ``fault_signals.py``."""
+"""Process of estimator, gait planner and controller with the signal handlers of ``fault_signals.py``."""
 
 from benchmarks.graph import fault_signals
 from bridge.nodes.control import main

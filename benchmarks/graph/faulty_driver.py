@@ -1,4 +1,4 @@
-"""A driver whose messages are corrupted on command: ``/corrupt`` takes ``TOPIC KIND COUNT``."""
+"""Driver that corrupts its messages on command: ``/corrupt`` takes ``TOPIC KIND COUNT``."""
 
 from array import array
 from collections.abc import Callable
@@ -14,20 +14,20 @@ from models.nodes.messages import set_stamp, stamp_ns
 from models.nodes.qos import EVENT
 from models.nodes.spin import program
 
-SHIFT = NANOSECONDS  # how far an old or future stamp is off [ns]
-TICK = NANOSECONDS // 1000  # between two messages of a sensor [ns]
-HOUR = 3600 * NANOSECONDS  # how far ``/clock`` jumps [ns]
+SHIFT = NANOSECONDS  # offset of an old or future stamp [ns]
+TICK = NANOSECONDS // 1000  # time between two messages of a sensor [ns]
+HOUR = 3600 * NANOSECONDS  # jump of ``/clock`` [ns]
 
 Corruption = Callable[[Any, int], Any]
 
 
 def stamp_field(message: Any) -> Any:
-    """Where a message has its time."""
+    """Return the field with the time of a message."""
     return message.clock if hasattr(message, "clock") else message.header.stamp
 
 
 def _stamped(change: Callable[[int, int], int]) -> Corruption:
-    """Another stamp, from that of now and that of the first corrupted message [ns]."""
+    """Change the stamp, given its value and the stamp of the first corrupted message [ns]."""
 
     def corrupt(message: Any, began: int) -> Any:
         field = stamp_field(message)
@@ -38,7 +38,7 @@ def _stamped(change: Callable[[int, int], int]) -> Corruption:
 
 
 def _joints(change: Callable[[list[Any]], list[Any]], name: Callable[[list[str]], list[str]]) -> Corruption:
-    """Other joints: their names, and their numbers in the same order."""
+    """Change joint names, and positions, velocities and efforts in the same order."""
 
     def corrupt(message: Any, began: int) -> Any:
         message.name = name(list(message.name))
@@ -75,7 +75,7 @@ CORRUPT = "corrupt"  # topic of the commands
 
 
 class CorruptingPublisher:
-    """Publisher that corrupts messages on request before it publishes them."""
+    """Publisher that corrupts messages on request."""
 
     def __init__(self, publisher: Any, kind: type) -> None:
         self._publisher, self._kind = publisher, kind
@@ -83,11 +83,11 @@ class CorruptingPublisher:
         self._began: int | None = None
 
     def corrupt(self, corruption: str, count: int) -> None:
-        """Corrupt so many messages from now on; see ``CORRUPTIONS``."""
+        """Corrupt the next ``count`` messages; see ``CORRUPTIONS``."""
         self._corruption, self._left, self._began = corruption, count, None
 
     def get_subscription_count(self) -> int:
-        """Of the wrapped publisher."""
+        """Return the count of the wrapped publisher."""
         return int(self._publisher.get_subscription_count())
 
     def publish(self, message: Any) -> None:

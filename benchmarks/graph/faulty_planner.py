@@ -1,4 +1,4 @@
-"""Planner of motions as in the graph, in a process with the signal handlers of ``fault_signals.py``."""
+"""Process of the motion planner with the signal handlers of ``fault_signals.py``."""
 
 from benchmarks.graph import fault_signals
 from models.nodes.base import PoiseNode

@@ -1,4 +1,4 @@
-"""Processes that overload the graph or the machine until they are killed; few imports, so that they start fast."""
+"""Processes that overload the graph or the machine until they are killed; few imports for a fast start."""
 
 import itertools
 import time
@@ -11,19 +11,19 @@ from std_srvs.srv import Trigger
 from models.nodes import topics
 from models.nodes.qos import EVENT
 
-START_TIME = 2.0  # of such a process [s]
-DISCOVERY_TIME = 0.5  # between joining the graph and being discovered [s]
+START_TIME = 2.0  # start time of such a process [s]
+DISCOVERY_TIME = 0.5  # time between joining the graph and discovery [s]
 
 
 def texts(rate: float) -> None:
-    """Say nonsense on ``humanoid_commands`` at a rate [Hz]."""
+    """Publish an unknown text on ``humanoid_commands`` at a rate [Hz]."""
     rclpy.init()
     publisher = rclpy.create_node("flood").create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
     _at(rate, lambda: publisher.publish(String(data="nonsense")))
 
 
 def services(rate: float) -> None:
-    """Call ``reset_faults``, which changes nothing while there are none, at a rate [Hz], and wait for no answer."""
+    """Call ``reset_faults`` at a rate [Hz] without waiting for responses; it has no effect without faults."""
     rclpy.init()
     client = rclpy.create_node("flood").create_client(Trigger, "reset_faults")
 
@@ -34,7 +34,7 @@ def services(rate: float) -> None:
 
 
 def burn() -> None:
-    """Use a core."""
+    """Load one core."""
     for _ in itertools.count():
         pass
 

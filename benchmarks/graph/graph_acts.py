@@ -1,4 +1,4 @@
-"""Acts of rows of ``poise bench graph_faults``: on processes, topics and the machine, and commands."""
+"""Acts of rows of ``poise bench graph_faults``, on processes, topics, the machine and commands."""
 
 import multiprocessing
 import os
@@ -21,15 +21,15 @@ from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import SPIN_TIMEOUT
 
-#: Does something, then yields for how long the robot is to be watched before the next part [s]
+#: Performs an act in parts; yields the observation time after each part [s]
 Act = Callable[[GraphStage], Iterator[float]]
-TRANSITION_TIME = 20.0  # longest wait for a node to change its state [s]
-COLLECTIONS, COLLECTION_PERIOD = 10, 0.2  # how often garbage is collected, and how long after the last time [s]
-HOUR = 3600.0  # by which a wall clock jumps [s]
+TRANSITION_TIME = 20.0  # maximum wait for a state change of a node [s]
+COLLECTIONS, COLLECTION_PERIOD = 10, 0.2  # number of garbage collections, and their period [s]
+HOUR = 3600.0  # jump of a wall clock [s]
 
 
 def once(do: Callable[[GraphStage], object]) -> Act:
-    """The act that does one thing."""
+    """Return an act with one part."""
 
     def act(stage: GraphStage) -> Iterator[float]:
         do(stage)
@@ -39,12 +39,12 @@ def once(do: Callable[[GraphStage], object]) -> Act:
 
 
 def kill(module: str, number: signal.Signals = signal.SIGKILL) -> Act:
-    """Send a signal to a process: by default end it as the kernel does when memory runs out."""
+    """Send a signal to a process; SIGKILL acts like the kernel when memory runs out."""
     return once(lambda stage: os.kill(stage.graph.pids[module], number))
 
 
 def freeze(module: str, duration: float) -> Act:
-    """Stop a process for a time [s]."""
+    """Suspend a process for a time [s]."""
 
     def act(stage: GraphStage) -> Iterator[float]:
         pid = stage.graph.pids[module]
@@ -58,14 +58,14 @@ def freeze(module: str, duration: float) -> Act:
 
 
 def collect_garbage(stage: GraphStage) -> Iterator[float]:
-    """Have a process collect its garbage, several times."""
+    """Make the control process collect garbage several times."""
     for _ in range(COLLECTIONS):
         os.kill(stage.graph.pids[FAULTY_CONTROL.module], signal.SIGUSR1)
         yield COLLECTION_PERIOD
 
 
 def reactivate(name: str) -> Act:
-    """Deactivate a node and activate it again, by its lifecycle services."""
+    """Deactivate and activate a node with its lifecycle services."""
 
     def act(stage: GraphStage) -> Iterator[float]:
         for transition in (DEACTIVATE, ACTIVATE):
@@ -76,7 +76,7 @@ def reactivate(name: str) -> Act:
 
 
 def shift_wall_clock(hours: float) -> Act:
-    """Have the wall clock of every process of the graph jump, and jump back."""
+    """Shift the wall clock of every process of the graph and shift it back."""
 
     def act(stage: GraphStage) -> Iterator[float]:
         if (clock := stage.made.wall_clock) is None:
@@ -92,11 +92,11 @@ def shift_wall_clock(hours: float) -> Act:
     return act
 
 
-WATCH = 3.0  # of commands after the act [s]
+WATCH = 3.0  # observation time after commands [s]
 
 
 def two_commanders(stage: GraphStage) -> Iterator[float]:
-    """While ``plain`` commands a walk, ``teleop`` commands zero velocity, and ``autonomy`` a text."""
+    """Command zero velocity as ``teleop`` and a text as ``autonomy`` while ``plain`` commands a walk."""
     _, velocity = topics.source_topics("teleop")
     teleop = User(stage.graph, velocity)
     teleop.walk(0.0)
@@ -108,7 +108,7 @@ def two_commanders(stage: GraphStage) -> Iterator[float]:
 
 
 def unsigned(stage: GraphStage) -> Iterator[float]:
-    """Words and velocities without a signature."""
+    """Send texts and velocities without signature."""
     stage.graph.send("wave")
     stage.user.walk(0.3)
     yield 1.0
@@ -116,7 +116,7 @@ def unsigned(stage: GraphStage) -> Iterator[float]:
 
 
 def replayed(stage: GraphStage) -> Iterator[float]:
-    """A modified signed command, a valid one, and the same again."""
+    """Send a modified signed command, a valid one, and the valid one again."""
     signed = Signer(read_key(stage.made.key), "teleop").sign("walk")
     stage.graph.send(signed.replace("walk", "wave"))
     yield SPIN_TIMEOUT
@@ -130,8 +130,8 @@ def replayed(stage: GraphStage) -> Iterator[float]:
 
 FREEZE_TIME = 0.2  # shorter than the timeouts [s]
 LONG_FREEZE_TIME = 1.0  # longer than the timeouts [s]
-MISMATCH_TIME = 3.0  # after which the checks before arming have seen it [s]
-CORRUPTION_TIME, MOMENT = 1.0, 0.005  # for which messages are corrupted [s]
+MISMATCH_TIME = 3.0  # time after which the checks before arming have detected it [s]
+CORRUPTION_TIME, MOMENT = 1.0, 0.005  # durations of corruption [s]
 
 
 @contextmanager
@@ -158,7 +158,7 @@ def _second_clock(stage: GraphStage) -> Iterator[float]:
 
 
 def _mismatch(stage: GraphStage) -> Iterator[float]:
-    """While the robot is damped, a second publisher of a latched topic is volatile."""
+    """Add a volatile second publisher of a latched topic while the robot is damped."""
     stage.ask("estop")
     with _publisher(stage, String, topics.DRIVER_STATE, EVENT):
         stage.ask("reset_faults")

@@ -1,4 +1,4 @@
-"""Rows of ``poise bench graph_faults``, the graphs they run on, and the stage: a graph and what is received from it."""
+"""Rows of ``poise bench graph_faults``, the graphs they need, and the stage: a graph with its received messages."""
 
 import os
 import random
@@ -36,27 +36,27 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED
 from models.robot_model import RobotModel
 from models.types import Vector
 
-#: Graphs that rows are done to; see ``benchmarks/graph/graph_kinds.py``
+#: Kinds of graphs; see ``graph_of``
 Kind = Literal["plain", "wrapped", "split", "shuffled", "signed", "full_disk", "wall_clock"]
 
 
 @schema(frozen=True, slots=True, kw_only=True, config=STRICT)
 class GraphRow(AnyRow):
-    """One fault of the graph; acts are of ``benchmarks/graph/graph_acts.py``."""
+    """Fault of the graph; acts are in ``benchmarks/graph/graph_acts.py``."""
 
-    #: 'rides': same mode, drivers active all the time; 'stands': so, but at rest in mode stand, or ``mode``; 'damps':
-    #: mode damp or drivers damped, nothing active afterwards, and arming refused with the ``reason``
+    #: 'rides': same mode, drivers always active. 'stands': drivers always active, at rest in mode stand or ``mode``.
+    #: 'damps': mode damp or drivers damped, nothing active afterwards, arming refused with the ``reason``
     expect: Literal["rides", "stands", "damps"]
-    graph: Kind = "plain"  #: Kind of graph; see ``benchmarks/graph/graph_kinds.py``
-    restarted: str = ""  #: Module of the only process that must have been restarted; empty for none
+    graph: Kind = "plain"  #: Kind of graph; see ``graph_of``
+    restarted: str = ""  #: Module of the only process that must have restarted; empty for none
     launcher_output: str = ""  #: Text that the launcher must have printed
-    #: Longest time without a command before the drivers damped for lack of one, by their clock [s]
+    #: Maximum time without a command until the drivers damp, by the drivers' clock [s]
     silence: Positive | None = None
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class GraphFaultsConfig:
-    """All rows; the unit of every value stands in ``benchmarks/config/graph_faults.yaml``."""
+    """All rows; the units are in ``benchmarks/config/graph_faults.yaml``."""
 
     settle: Positive
     duration: Positive
@@ -69,7 +69,7 @@ config = partial(settings, GraphFaultsConfig, "graph_faults")
 
 
 class WallClock:
-    """Shift of the wall clock of processes started with ``variables``; ``Unavailable`` without libfaketime."""
+    """Shiftable wall clock for processes started with ``variables``; ``Unavailable`` without libfaketime."""
 
     def __init__(self, folder: Path) -> None:
         found = find_spec("libfaketime")
@@ -85,7 +85,7 @@ class WallClock:
         }
 
     def shift(self, seconds: float) -> None:
-        """Have the clock be wrong by so much from now on [s]."""
+        """Set the offset of the clock [s]."""
         new = self._state.with_suffix(".new")
         new.write_text(f"{seconds:+.9f}\n", encoding="ascii")
         new.replace(self._state)
@@ -95,12 +95,12 @@ FAULTY_DRIVER = ProcessSpec("benchmarks.graph.faulty_driver", BRIDGE.nodes)
 FAULTY_CONTROL = ProcessSpec("benchmarks.graph.faulty_control", CONTROL.nodes)
 FAULTY_PLANNER = ProcessSpec("benchmarks.graph.faulty_planner", PLANNER.nodes)
 
-NOWHERE = Path("/dev/null/poise")  # A folder that cannot be created, not even by root
+NOWHERE = Path("/dev/null/poise")  # a folder that nobody can create, not even root
 
 
 @dataclass
 class TestedGraph:
-    """A running graph, with its launcher's output, its key file, and its wall clock (None for the machine's)."""
+    """Running graph with the output of its launcher, its key file, and its wall clock (None: the machine's)."""
 
     graph: Graph
     lines: list[str] = field(default_factory=list)
@@ -110,12 +110,12 @@ class TestedGraph:
 
 @contextmanager
 def graph_of(kind: Kind, robot: str, seed: int, folder: Path) -> Iterator[TestedGraph]:
-    """Bring a graph up, and end it afterwards; ``Unavailable`` or ``PoiseError`` when it does not come up.
+    """Start a graph and stop it afterwards; ``Unavailable`` or ``PoiseError`` when it does not start.
 
-    'plain': as ``poise up`` starts it. 'wrapped': its driver corrupts messages and its processes raise on command.
-    'split': every node in its own process. 'shuffled': processes started and nodes activated in a random order.
-    'signed': commands must be signed. 'full_disk': no log can be written and no black box.
-    'wall_clock': the processes' wall clock can be shifted. ``folder`` is for logs, key and library.
+    'plain': as started by ``poise up``. 'wrapped': driver that corrupts messages and processes that raise, on command.
+    'split': every node in a separate process. 'shuffled': processes start and nodes activate in random order.
+    'signed': commands must be signed. 'full_disk': neither logs nor black boxes can be written.
+    'wall_clock': the wall clock of the processes can be shifted. ``folder`` is for logs, key and library.
     """
     boxes = NOWHERE if kind == "full_disk" else folder
     parameters: dict[str, Mapping[str, object]] = {
@@ -152,16 +152,16 @@ def graph_of(kind: Kind, robot: str, seed: int, folder: Path) -> Iterator[Tested
         log=log,
         say=lines.append,
     )
-    with patch.dict(os.environ, variables), graph:  # the processes that the graph restarts get them, too
+    with patch.dict(os.environ, variables), graph:  # also for processes that the graph restarts
         yield TestedGraph(graph, lines, made_key, wall_clock)
 
 
 LOOK = 0.02  # period of the check of the robot [s]
-SPEED_TIME = 0.5  # over which its speed is taken [s]
-BACK_TIME = 90.0  # longest wait for the robot to stand or walk again [s]
-SENSOR_RATE, CLOCK_RATE = 1000.0, 100.0  # of the bridge's topics [Hz]
+SPEED_TIME = 0.5  # averaging time of the robot's speed [s]
+BACK_TIME = 90.0  # maximum wait for the robot to stand or walk again [s]
+SENSOR_RATE, CLOCK_RATE = 1000.0, 100.0  # rates of the bridge's topics [Hz]
 TIMEOUTS, BOXES = "driver timeouts", "black boxes not written"  # counts in the diagnostics of bridge and controller
-VELOCITY_PERIOD = 0.1  # between two velocities of the user [s]
+VELOCITY_PERIOD = 0.1  # period of the user's velocity commands [s]
 
 
 class User:
@@ -173,7 +173,7 @@ class User:
         graph.node.create_timer(VELOCITY_PERIOD, self._publish)
 
     def walk(self, forward: float | None) -> None:
-        """Walk at a velocity from now on [m/s]; None: publish nothing."""
+        """Set the published velocity [m/s]; None stops publishing."""
         self._velocity = forward
 
     def _publish(self) -> None:
@@ -184,22 +184,22 @@ class User:
 
 
 class GraphStage:
-    """A running graph under test, and what is received from it."""
+    """Graph under test with its received messages and diagnostics."""
 
     def __init__(self, model: RobotModel, made: TestedGraph) -> None:
         graph = made.graph
         self.made, self.graph, self.user = made, graph, User(graph)
         self.messages: list[tuple[float, str, str]] = []  #: Time, topic and text of each message
-        self.diagnostics: dict[str, str] = {}  #: Newest message of each node's diagnostics
+        self.diagnostics: dict[str, str] = {}  #: Latest diagnostic message of each node
         self.refusals: list[str] = []  #: Refusals of the nodes
-        self.silences: list[float] = []  #: Waits of the drivers for a command before they damped for lack of one [s]
-        self.still_since: float | None = None  #: Since when the robot is at rest; None while it is not
-        self.wall_lead = 0.0  #: Wall clock of the processes ahead of this one's [s]
+        self.silences: list[float] = []  #: Time without a command before each timeout of the drivers [s]
+        self.still_since: float | None = None  #: Time since which the robot is at rest; None while it moves
+        self.wall_lead = 0.0  #: Wall clock of the processes minus wall clock of this process [s]
         self._counts: dict[tuple[str, str], int] = {}
         self._corrupt = graph.node.create_publisher(String, "corrupt", EVENT)
         self.observer = Observer(model, graph.node.context)
         self._path: deque[tuple[float, Vector]] = deque(maxlen=round(SPEED_TIME / LOOK))
-        graph.node.create_timer(LOOK, self._look)  # the graph serves it while it restarts a process, too
+        graph.node.create_timer(LOOK, self._look)  # also runs while the graph restarts a process
         listen = graph.node.create_subscription
         for topic in (topics.MODE, topics.DRIVER_STATE, topics.GAIT_PHASE, topics.COMMANDER):
             listen(String, topic, partial(self._on_text, topic), LATCHED)
@@ -207,22 +207,22 @@ class GraphStage:
 
     @property
     def height(self) -> float:
-        """Of the base [m]."""
+        """Height of the base [m]."""
         return float(self.observer.base_position[2])
 
     @property
     def speed(self) -> float:
-        """Over the last ``SPEED_TIME`` [m/s]."""
+        """Horizontal speed over the last ``SPEED_TIME`` [m/s]."""
         (t0, first), (t1, last) = self._path[0], self._path[-1]
         return float(np.linalg.norm((last - first)[:2]) / max(t1 - t0, LOOK))
 
     def corrupt(self, topic: str, corruption: str, duration: float) -> None:
-        """Have the faulty driver corrupt the messages of a topic for a time [s]; see ``CORRUPTIONS``."""
+        """Make the faulty driver corrupt the messages of a topic for a time [s]; see ``CORRUPTIONS``."""
         rate = CLOCK_RATE if topic == topics.CLOCK else SENSOR_RATE
         self._corrupt.publish(String(data=f"{topic} {corruption} {round(duration * rate)}"))
 
     def _look(self) -> None:
-        with suppress(PoiseError):  # a message that is corrupted on purpose
+        with suppress(PoiseError):  # a message may be corrupted on purpose
             self.observer.poll()
         now = time.monotonic()
         self._path.append((now, self.observer.base_position))
@@ -232,7 +232,7 @@ class GraphStage:
             self.still_since = now
 
     def begin(self, row: GraphRow) -> None:
-        """Bring the robot to stand or walk for the row."""
+        """Make the robot stand or walk for the row."""
         given = config()
         if row.walk:
             self.graph.send("walk")
@@ -241,14 +241,14 @@ class GraphStage:
         self.graph.spin(given.settle + (SPEED_TIME if row.walk else 0.0))
 
     def bring_back(self) -> None:
-        """Have it stand where it began, without faults."""
+        """Reset the robot to its initial stand, without faults."""
         self.user.walk(None)
         self.ask("reset_faults")
         self.ask("reset")
         self.graph.wait_standing(BACK_TIME)
 
     def ask(self, service: str) -> tuple[bool, str]:
-        """Call a service, twice where the reply to the first call is lost; see ``Graph.call``."""
+        """Call a service; call it again if the first reply is lost; see ``Graph.call``."""
         try:
             return self.graph.call(service)
         except PoiseError:
@@ -271,6 +271,6 @@ class GraphStage:
                 self.silences.append(float(values["silence before timeout [s]"]))
 
     def _grown(self, node: str, what: str, count: int) -> bool:
-        """Whether a count of a node is larger than it was; one that begins anew has none."""
+        """Whether a count of a node has increased; a count that restarts has not."""
         before, self._counts[node, what] = self._counts.get((node, what), 0), count
         return count > before

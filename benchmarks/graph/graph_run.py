@@ -1,4 +1,4 @@
-"""Runs graphs under a scenario, each in a process with its companions, and returns the rows of its processes."""
+"""Run graphs under a scenario, each in a process with its companion processes, and return the recorded rows."""
 
 import os
 import signal
@@ -34,26 +34,26 @@ from models.nodes.realtime import die_with_parent
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Scenario:
-    """What runs beside the measured robot."""
+    """Load beside the measured robot, and options of its graph."""
 
-    rate: Positive = 1000.0  #: Of sensors and laws [Hz]; physics and drivers keep theirs
-    stress: NonNegativeInt = 0  #: Busy processes, kept on the last core
-    subscribers: NonNegativeInt = 0  #: Further processes that subscribe to every topic of the tick
-    slow: NonNegativeInt = 0  #: As many with default QoS (depth 10) that sleep in their callbacks
+    rate: Positive = 1000.0  #: Rate of sensors and laws [Hz]; physics and drivers keep their rates
+    stress: NonNegativeInt = 0  #: Number of busy processes, pinned to the last core
+    subscribers: NonNegativeInt = 0  #: Number of additional processes that subscribe to every topic of the tick
+    slow: NonNegativeInt = 0  #: Number of further subscribers with default QoS (depth 10) that sleep in their callbacks
     record: bool = False  #: Whether ``poise record`` runs
-    view: bool = False  #: Whether ``poise view`` serves its page, without a browser
+    view: bool = False  #: Whether ``poise view`` runs, without a browser
     sight: bool = False  #: Whether range sensors, terrain mapper and ground planner run
     walk: bool = False  #: Whether the robot walks instead of standing
-    robots: PositiveInt = 1  #: Graphs at a time, each in its ROS domain; only the first runs SCHED_FIFO
-    #: Simulated over real time, for more robots than the cores can run otherwise [-]
+    robots: PositiveInt = 1  #: Number of simultaneous graphs, each in a ROS domain; only the first uses SCHED_FIFO
+    #: Simulated time over real time, reduced for more robots than the cores can run in real time [-]
     speed: Share = 1.0
-    own_core: bool = False  #: Whether bridge and control keep to a core each
-    stages: bool = True  #: Whether the process of the laws records when each stage ends
+    own_core: bool = False  #: Whether bridge and control each run on a separate core
+    stages: bool = True  #: Whether the control process records the end of each stage
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class LatencyConfig:
-    """The test; the unit of every value stands in ``benchmarks/config/latency.yaml``."""
+    """Settings of the test; the units are in ``benchmarks/config/latency.yaml``."""
 
     duration: Positive
     floor_duration: Positive
@@ -69,14 +69,14 @@ class LatencyConfig:
 
 latency_config = partial(settings, LatencyConfig, "latency")
 
-STOP_LIMIT = 15.0  # longest wait for a companion to end; a recording completes its file [s]
+STOP_LIMIT = 15.0  # maximum wait for a companion to end; a recording completes its file [s]
 
 _POISE = "from bridge.cli import app; app()"
 
 
 @contextmanager
 def companions(scenario: Scenario, domain_id: int, folder: Path) -> Iterator[dict[str, int]]:
-    """Run a scenario's processes in a ROS domain; yields process id by name; ``PoiseError`` when one ends early."""
+    """Run the companion processes in a ROS domain; yields pid by name; ``PoiseError`` when one ends early."""
     commands = {
         **{f"stress_{k}": ["-c", "while True: pass"] for k in range(scenario.stress)},
         **{f"subscriber_{k}": ["-m", "benchmarks.graph.listener"] for k in range(scenario.subscribers)},
@@ -98,7 +98,7 @@ def companions(scenario: Scenario, domain_id: int, folder: Path) -> Iterator[dic
                     stdout=log,
                     stderr=log,
                     start_new_session=True,
-                    preexec_fn=die_with_parent,  # a command that is killed leaves none of them behind
+                    preexec_fn=die_with_parent,  # none survives when the command is killed
                 )
                 if name.startswith("stress"):
                     os.sched_setaffinity(started[name].pid, {max(os.sched_getaffinity(0))})
@@ -126,17 +126,17 @@ def _free_port() -> int:
 
 TIMED_CONTROL = ProcessSpec("benchmarks.graph.timed_control", CONTROL.nodes)
 
-COMPANION_START = 3.0  # of companions: imports and discovery [s]
+COMPANION_START = 3.0  # start time of companions: imports and discovery [s]
 
-FAILED = "failed"  # file with the reason why one graph of a scenario has failed
+FAILED = "failed"  # file with the reason why a graph of the scenario failed
 LOOK_PERIOD = 0.1  # period of the check of the other graphs [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Rows of ``LatencyProbe``, none active but while measured, and of ``StageProbe`` (empty without stages).
+    """Rows of ``LatencyProbe``, active only while measured, and of ``StageProbe`` (empty without stages).
 
-    ``use`` is that of every process by name.
+    ``use`` has every process by name.
     """
 
     bridge: dict[str, NDArray[Any]]
@@ -145,7 +145,7 @@ class Run:
 
 
 def run_graphs(robot: str, seed: int, scenario: Scenario, config: LatencyConfig) -> list[Run]:
-    """Run the graphs of a scenario in parallel, each in its process and ROS domain; ``PoiseError`` when one fails."""
+    """Run the graphs of a scenario in parallel, each in a process and ROS domain; ``PoiseError`` when one fails."""
     domains = [free_domain() for _ in range(scenario.robots)]
     with (
         TemporaryDirectory(prefix="poise_") as folder,
@@ -157,14 +157,14 @@ def run_graphs(robot: str, seed: int, scenario: Scenario, config: LatencyConfig)
         ]
         for future in as_completed(futures):
             if (error := future.exception()) is not None:
-                (Path(folder) / FAILED).write_text(str(error), encoding="utf-8")  # the others stop waiting
+                (Path(folder) / FAILED).write_text(str(error), encoding="utf-8")  # ends the wait of the others
         return [future.result() for future in futures]
 
 
 def _run(
     robot: str, seed: int, scenario: Scenario, config: LatencyConfig, index: int, domain: int, shared: Path
 ) -> Run:
-    """One graph; it starts when the one before stands, and is measured from when all of them do."""
+    """Run one graph; it starts after the previous one stands, and is measured when all stand."""
     _wait_for_others(shared, index, index * config.start_limit, time.sleep)
     folder = shared / str(index)
     folder.mkdir()
@@ -186,7 +186,7 @@ def _run(
     if scenario.own_core:
         for name in REALTIME_NODES:
             parameters[name] = {**parameters.get(name, {}), "realtime.own_core": True}
-    if index:  # two graphs of real-time processes would stop both for 50 ms every second
+    if index:  # two graphs of real-time processes would both be throttled for 50 ms every second
         for name in REALTIME_NODES:
             parameters[name] = {**parameters.get(name, {}), "realtime.priority": 0}
     with ExitStack() as stack:
@@ -214,14 +214,14 @@ def _run(
 
 
 def active_within(rows: dict[str, NDArray[Any]], begin: int, end: int) -> dict[str, NDArray[Any]]:
-    """Rows of ``LatencyProbe``, none ``active`` that was published outside of a span of the monotonic clock [ns]."""
+    """Clear ``active`` of rows of ``LatencyProbe`` published outside of a span of the monotonic clock [ns]."""
     if not rows:
         return rows
     return rows | {"active": rows["active"] & (rows["published"] >= begin) & (rows["published"] <= end)}
 
 
 def _wait_for_others(shared: Path, count: int, timeout: float, spin: Callable[[float], None]) -> None:
-    """Wait, serving callbacks, until ``count`` graphs stand; ``PoiseError`` after ``timeout`` [s] or a failure."""
+    """Spin until ``count`` graphs stand; ``PoiseError`` after ``timeout`` [s] or when a graph fails."""
     end = time.monotonic() + timeout
     while (stand := len(list(shared.glob("stands_*")))) < count:
         if (shared / FAILED).exists():

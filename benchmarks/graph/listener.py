@@ -1,6 +1,6 @@
-"""A process that listens to every topic of the tick and does nothing with it: what one more subscriber costs.
+"""Process that subscribes to every topic of the tick and discards the messages: cost of one more subscriber.
 
-With the argument ``slow`` it subscribes as textbooks do, with a depth of 10, and sleeps in its callbacks.
+With the argument ``slow`` it subscribes with the usual depth of 10 and sleeps in its callbacks.
 """
 
 import sys
@@ -25,11 +25,11 @@ TICK_TOPICS: tuple[tuple[type, str, Any], ...] = (
     (JointTrajectory, topics.JOINT_SETPOINTS, COMMAND),
 )
 
-DEPTH, SLEEP = 10, 0.1  #: Of a slow subscriber: messages, and time in each callback [s]
+DEPTH, SLEEP = 10, 0.1  #: Slow subscriber: queue depth, and time in each callback [s]
 
 
 class Listener(PoiseNode):
-    """Takes every message: serialised, or slowly with default quality of service."""
+    """Receives every message: serialised, or slowly with default QoS."""
 
     AUTOSTART = True
 

@@ -1,4 +1,4 @@
-"""The floor: a tick's four sensor messages, answered by a joint command of the same stamp, without any decoding."""
+"""Latency floor: four sensor messages per tick, answered by a joint command with the same stamp, without decoding."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from multiprocessing.queues import Queue
 
 NAMESPACE = "pingpong"
-PERIOD = 0.001  # usual tick of the ping-pong, that of the graph [s]
-START_TIMEOUT = 30.0  # longest wait for the echo [s]
+PERIOD = 0.001  # default period, equal to the tick of the graph [s]
+START_TIMEOUT = 30.0  # maximum wait for the echo [s]
 
 
 def _sensor_topics() -> list[tuple[type, str]]:
@@ -47,7 +47,7 @@ def _sensor_topics() -> list[tuple[type, str]]:
 
 
 def echo(robot: str, priority: int) -> None:
-    """Answer until SIGTERM, scheduled as the graph is."""
+    """Answer until SIGTERM, with the scheduling of the graph."""
     die_with_parent()
     model = RobotModel.load(robot)
     zero = np.zeros(model.nj)
@@ -76,7 +76,7 @@ def echo(robot: str, priority: int) -> None:
 
 
 def measure(robot: str, duration: float, domain_id: int, period: float = PERIOD) -> LatencyProbe:
-    """Play ping-pong for ``duration`` [s] between processes scheduled like the graph's; ``PoiseError`` if it fails."""
+    """Run the ping-pong for ``duration`` [s], with the scheduling of the graph; ``PoiseError`` if it fails."""
     context = get_context("spawn")
     answer: Queue[LatencyProbe | str] = context.Queue()
     process = context.Process(target=_measure, args=(robot, duration, domain_id, period, answer))
@@ -123,7 +123,7 @@ def _ping_echo(robot: str, duration: float, domain_id: int, period: float) -> La
 
 
 def _ignore(text: str) -> None:
-    """Take a log line that the graph's own processes already write."""
+    """Discard a log line that the graph's processes already write."""
 
 
 def _ping(node: Any, executor: Any, model: RobotModel, ticks: int, tick_length: float, priority: int) -> LatencyProbe:
@@ -155,7 +155,7 @@ def _ping(node: Any, executor: Any, model: RobotModel, ticks: int, tick_length: 
 
 
 def _publishers(node: Any, model: RobotModel) -> Callable[[int], bool]:
-    """Publishes a tick of a stamp [ns], nothing when negative; whether all subscribers match."""
+    """Return a function that publishes a tick with a stamp [ns]; negative: only whether all subscribers match."""
     publishers = [node.create_publisher(kind, topic, SENSOR) for kind, topic in _sensor_topics()]
     imu, feet = ImuCodec(topics.IMU_FRAME), [WrenchCodec(frame) for frame in SOLE_FRAMES]
     joints = JointStateCodec(model)

@@ -1,4 +1,4 @@
-"""The robot's side in another process, called over its pipes."""
+"""Robot side in another process, called over pipes."""
 
 import json
 import os
@@ -17,9 +17,9 @@ UNITREE_SIDE = "benchmarks.graph.unitree_side"
 
 
 class RobotProcess:
-    """A ``module`` such as ``benchmarks.graph.unitree_side``, called over its pipes.
+    """Process of a ``module`` such as ``benchmarks.graph.unitree_side``, called over pipes.
 
-    ``command`` runs it on another machine.
+    ``command`` is an optional prefix that runs it on another machine.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class RobotProcess:
         )  # fmt: skip
 
     def __call__(self, name: str, *arguments: object) -> Any:
-        """Call a method of ``Program``; returns its result. ``PoiseError`` when the process has ended."""
+        """Call a method of ``Program`` and return its result; ``PoiseError`` when the process has ended."""
         assert self._process.stdin is not None and self._process.stdout is not None
         line = ""
         with suppress(BrokenPipeError):
@@ -70,5 +70,5 @@ class RobotProcess:
             self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout, self._errors):
             if pipe is not None:
-                with suppress(BrokenPipeError):  # of a call that an ended process has not read
+                with suppress(BrokenPipeError):  # data that an ended process has not read
                     pipe.close()

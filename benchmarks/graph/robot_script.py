@@ -1,10 +1,10 @@
-"""One script for a robot behind Unitree's SDK and for the simulated plant: stand, wave, pushes, a walk and a stop.
+"""Script for a robot behind Unitree's SDK and for the simulated plant: stand, wave, pushes, walk and stop.
 
     python -m benchmarks.graph.robot_script FOLDER RUN
 
-RUN is a ``Run`` in JSON. The results, ``Measured`` as JSON, are the last line of the output. With ``sdk`` it runs in a
-network namespace, that of ``benchmarks.core.cable.isolation``: the graph is on one machine of a virtual cable, and the
-robot, Unitree's SDK around MuJoCo, on the other.
+RUN is a ``Run`` in JSON. The last line of the output is the result, ``Measured`` as JSON. With ``sdk`` the script must
+run inside ``benchmarks.core.cable.isolation``: the graph is on one machine of a virtual cable, and the robot, Unitree's
+SDK around MuJoCo, on the other.
 """
 
 import json
@@ -26,63 +26,63 @@ from models.config import STRICT, Count, NonNegative, Positive, parse_config
 from models.errors import PoiseError
 from models.nodes.realtime import use_fifo
 
-OPERATOR = 20  #: SCHED_FIFO of this process, which publishes velocities, below the graph; where permitted
-GRAPH_DOMAIN = 7  #: ROS domain of the graph in its own network; the SDK's robot is in domain 0
-STOPPED_TYPE = 4  #: mode_machine of another robot damps at once, as a button does: the SDK's LowState has no buttons
+OPERATOR = 20  #: SCHED_FIFO priority of this process, below the graph, where permitted; it publishes velocities
+GRAPH_DOMAIN = 7  #: ROS domain of the graph in a separate network; the SDK's robot is in domain 0
+STOPPED_TYPE = 4  #: mode_machine of another robot: damps immediately, like a button, which the SDK's LowState lacks
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Script:
-    """What the robot does, in this order."""
+    """Actions of the robot, in this order."""
 
     stand_time: Positive  # [s]
     motion: str
-    impulse: NonNegative  # of each push at the base [N.s]
+    impulse: NonNegative  # impulse of each push at the base [N.s]
     push_time: Positive  # [s]
-    pushes: NonNegativeInt  # number: to the left, right, front, back
-    push_pause: Positive  # after each push [s]
-    pause: Positive  # after the start, the motion and the walk [s]
-    speed: Positive  # of the walk [m/s]
+    pushes: NonNegativeInt  # number of pushes: to the left, right, front, back
+    push_pause: Positive  # pause after each push [s]
+    pause: Positive  # pause after the start, the motion and the walk [s]
+    speed: Positive  # speed of the walk [m/s]
     walk_time: Positive  # [s]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Run:
-    """A script on one robot."""
+    """Script on one robot."""
 
     script: Script
-    sdk: bool  # whether it is behind Unitree's SDK
+    sdk: bool  # whether the robot is behind Unitree's SDK
     robot: str = "g1"  # profile of the simulated robot
     seed: NonNegativeInt = 0
-    rate: Count = 500  # of states and commands over the protocol [Hz]
-    speed: Positive = 1.0  # of the robot's time over real time [-]
+    rate: Count = 500  # rate of states and commands of the protocol [Hz]
+    speed: Positive = 1.0  # speed of the robot's time over real time [-]
     deviation: dict[str, Any] = field(default_factory=dict)  # ``bridge.plants.deviation.Deviation`` of the robot
 
 
 @dataclass
 class Measured:
-    """Results so far; ``failure`` says why the script ended early."""
+    """Results so far; ``failure`` is the reason of an early end."""
 
     phase: str = "start"
     failure: str = ""
-    drift: list[float] | None = None  # of the standing robot from begin to end, each axis [m]
-    stood: float = 0.0  # time of that [s]
-    pushes: list[bool] = field(default_factory=list)  # whether it stands after each
-    walked: list[float] | None = None  # displacement by the walk: along the heading at its beginning, to the left [m]
-    odometry: list[float] | None = None  # the same as it is estimated, along the estimated heading [m]
-    stop_ms: int | None = None  # from the stop of the robot to the first damping command, in the robot's time [ms]
-    stopped: str = ""  # reason that the driver reports
-    kp: float = 0.0  # largest stiffness afterwards [N.m/rad]
-    kd: float = 0.0  # largest damping afterwards [N.m.s/rad]
+    drift: list[float] | None = None  # displacement while standing, each axis [m]
+    stood: float = 0.0  # duration of the standing [s]
+    pushes: list[bool] = field(default_factory=list)  # whether the robot stands after each push
+    walked: list[float] | None = None  # true displacement by the walk: along the initial heading, to the left [m]
+    odometry: list[float] | None = None  # estimated displacement, along the estimated initial heading [m]
+    stop_ms: int | None = None  # from the stop of the robot to the first damping command, in robot time [ms]
+    stopped: str = ""  # reason reported by the driver
+    kp: float = 0.0  # largest stiffness after the stop [N.m/rad]
+    kd: float = 0.0  # largest damping after the stop [N.m.s/rad]
     answer_ms: dict[str, float] = field(default_factory=dict)  # from a sample at the driver to its command [ms]
-    stalls: int = 0  # times for which the robot's side waited for this machine
+    stalls: int = 0  # number of waits of the robot side for this machine
 
 
 def drive(session: Session, script: Script, found: Measured) -> None:
-    """Stand, motion, pushes and walk; ``PoiseError`` when the robot no longer stands."""
+    """Run stand, motion, pushes and walk; ``PoiseError`` when the robot no longer stands."""
     found.phase = "stand"
     session.stand()
-    # An operator's computer is another one. The graph restarts its processes from this one.
+    # An operator uses another computer. The graph restarts its processes from this process.
     use_fifo(OPERATOR, lambda text: print(text, file=sys.stderr), inherited=False)
     session.pass_time(script.pause)
     begin = session.t
@@ -104,7 +104,7 @@ def drive(session: Session, script: Script, found: Measured) -> None:
 
 
 def stop(session: HardwareSession, found: Measured) -> None:
-    """Damp the robot by a fault of its side, and measure the reaction."""
+    """Damp the robot by a fault of its side and measure the reaction."""
     found.phase = "stop"
     found.answer_ms = {name: session.number(key) for name, key in ANSWER_VALUES.items()}
     session.robot("stop", "set", "mode_machine", STOPPED_TYPE)
@@ -116,7 +116,7 @@ def stop(session: HardwareSession, found: Measured) -> None:
 
 
 def run(given: Run, folder: Path) -> Measured:
-    """Run the script; a robot that does not come through it is one of the results."""
+    """Run the script; a failure of the robot is one of the results."""
     found = Measured()
     with ExitStack() as stack:
         if given.sdk:
@@ -142,7 +142,7 @@ def run(given: Run, folder: Path) -> Measured:
 
 
 def main(folder: str, text: str) -> None:
-    """Run what the arguments say and print the results."""
+    """Run the script given by the arguments and print the results."""
     found = run(parse_config(Run, json.loads(text), "robot_script"), Path(folder))
     print(json.dumps(asdict(found)))
 

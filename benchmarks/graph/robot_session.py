@@ -1,4 +1,4 @@
-"""A whole graph and its robot, which is another process or the simulated plant: both are driven by the same calls."""
+"""Session of a complete graph and its robot (another process or the simulated plant), with one interface."""
 
 from __future__ import annotations
 
@@ -32,26 +32,26 @@ from models.nodes.status import subscribe_status
 from models.status import StartStatus
 from models.types import Vector
 
-START_TIME = 90.0  #: Longest wait for a robot to stand at the start [s]
-MODE_TIME = 60.0  #: Longest wait for another change of mode [s]
-SLOWEST = 0.1  #: Least speed of the robot's time [-]
+START_TIME = 90.0  #: Maximum wait for a robot to stand at the start [s]
+MODE_TIME = 60.0  #: Maximum wait for another mode change [s]
+SLOWEST = 0.1  #: Minimum speed of the robot's time [-]
 
 SessionT = TypeVar("SessionT", bound="Session")
 
 
 def pose_of(message: Odometry) -> tuple[Vector, float]:
-    """Position (3,) [m] and heading [rad] of an odometry message."""
+    """Return position (3,) [m] and heading [rad] of an odometry message."""
     pose = message.pose.pose
     return numbers_of(pose.position), heading(*numbers_of(pose.orientation))
 
 
 class Session(ABC):
-    """A graph and its robot; entering starts it, leaving ends it.
+    """Graph and robot; entering the context starts them, leaving it ends them.
 
     Attributes:
-        odometry: Newest estimated position of the base (2,) [m] and heading [rad].
-        base: Newest true position of the base (3,) [m] and heading [rad], by ``update``.
-        t: Time of the robot [s], by ``update``.
+        odometry: Latest estimated position of the base (2,) [m] and heading [rad].
+        base: Latest true position of the base (3,) [m] and heading [rad], set by ``update``.
+        t: Robot time [s], set by ``update``.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -74,29 +74,29 @@ class Session(ABC):
 
     @abstractmethod
     def stand(self) -> None:
-        """From the start to standing by itself."""
+        """Bring the robot from its start to standing by itself."""
 
     @abstractmethod
     def update(self) -> None:
-        """Bring ``t`` and ``base`` up to date."""
+        """Update ``t`` and ``base``."""
 
     @abstractmethod
     def push(self, force: Vector, duration: float) -> None:
         """Push the base with a force in W (3,) [N] for a time [s]."""
 
     def value(self, name: str) -> str:
-        """Newest value in the diagnostics of the driver; empty before the first."""
+        """Return the latest value in the diagnostics of the driver; empty before the first one."""
         return self._values.get(name, "")
 
     def number(self, name: str) -> float:
-        """``value`` as a number; ``PoiseError`` where it is none."""
+        """Return ``value`` as a number; ``PoiseError`` if it is not a number."""
         try:
             return float(self.value(name))
         except ValueError as error:
             raise PoiseError(f"'{name}' in the diagnostics of the driver is '{self.value(name)}', no number") from error
 
     def pass_time(self, time_s: float) -> None:
-        """Spin until the robot's time has advanced, which waits on a busy machine."""
+        """Spin until the robot time has advanced; it may be slower than real time on a busy machine."""
         self.update()
         end, give_up = self.t + time_s, time.monotonic() + time_s / SLOWEST + MODE_TIME
         while self.t < end:
@@ -106,10 +106,10 @@ class Session(ABC):
                 raise PoiseError("the robot's time stands still")
 
     def walk(self, speed: float, time_s: float, pause_s: float) -> tuple[Vector, Vector]:
-        """Walk, come to a stand and pause.
+        """Walk, stop and pause.
 
         Returns:
-            True and estimated displacement, along the true and the estimated heading at the beginning (2,) [m].
+            True and estimated displacement (2,) [m], in the true and in the estimated initial heading.
         """
         (begin, yaw), (estimated, yaw_estimated) = self.base, self.odometry
         self._user.walk(speed)
@@ -120,14 +120,14 @@ class Session(ABC):
         return turned((self.base[0] - begin)[:2], -yaw), turned(self.odometry[0] - estimated, -yaw_estimated)
 
     def drift(self, time_s: float) -> Vector:
-        """Stand for a time [s]; returns the displacement (3,) [m]."""
+        """Stand for a time [s]; return the displacement (3,) [m]."""
         self.update()
         begin, _ = self.base
         self.pass_time(time_s)
         return self.base[0] - begin
 
     def send(self, motion: str) -> None:
-        """Begin a motion, and wait for its end."""
+        """Start a motion and wait for its end."""
         self.graph.send(motion)
         for mode in ("motion", "stand"):
             self._reach_mode(mode)
@@ -146,7 +146,7 @@ class Session(ABC):
 
 
 class SimulatedSession(Session):
-    """The graph with the simulated plant, which has the robot of the laws."""
+    """Graph with the simulated plant, which uses the robot of the control laws."""
 
     def __init__(self, robot: str, folder: Path, *, domain: int, seed: int, speed: float, push_time: float) -> None:
         self._push_time = push_time
@@ -170,7 +170,7 @@ class SimulatedSession(Session):
         self.graph.wait_standing(START_TIME)
 
     def update(self) -> None:
-        pass  # by the messages
+        pass  # set by callbacks
 
     def push(self, force: Vector, duration: float) -> None:
         if duration != self._push_time:
@@ -188,11 +188,11 @@ class SimulatedSession(Session):
 
 
 class HardwareSession(Session):
-    """The graph of a real robot, whose side is a ``RobotProcess``: ``side`` and ``options`` are arguments of that.
+    """Graph of a real robot with a ``RobotProcess`` as robot side, which receives ``side`` and ``options``.
 
     Attributes:
-        robot: The process.
-        start: Newest state of the start.
+        robot: Process of the robot side.
+        start: Latest state of the start.
     """
 
     def __init__(
@@ -251,12 +251,12 @@ class HardwareSession(Session):
 
     @property
     def waits_for(self) -> str:
-        """What the start waits for, with its reason; empty before the first state."""
+        """Condition that the start waits for, with its reason; empty before the first state."""
         return "" if self.start is None else self.start.waits_for
 
     @property
     def start_state(self) -> str:
-        """State of the start; empty before the first."""
+        """State of the start; empty before the first one."""
         return "" if self.start is None else self.start.state
 
     def reach(self, state: str, limit: float = MODE_TIME) -> None:
@@ -264,7 +264,7 @@ class HardwareSession(Session):
         self.graph.wait_for(lambda: self.start is not None and self.start.state == state, limit, f"state {state}")
 
     def stand(self) -> None:
-        """From the gantry to standing without the rope; the stop button is pressed where the start asks for it."""
+        """Go from the gantry to standing without rope; press the stop button if the start asks for it."""
         self.wait_for(lambda: "press it" in self.waits_for or self.start_state == "gantry", "ready to start")
         if self.start_state != "gantry":
             self.robot("press", BUTTONS.index("B"))
@@ -287,7 +287,7 @@ class HardwareSession(Session):
         self.robot("push", *map(float, force), duration)
 
     def wait_for(self, condition: Callable[[], bool], what: str) -> None:
-        """Spin until a condition is met; ``PoiseError`` with ``what`` after a while."""
+        """Spin until a condition is met; ``PoiseError`` with ``what`` after ``MODE_TIME``."""
         self.graph.wait_for(condition, MODE_TIME, what)
 
     def _call(self, name: str) -> None:

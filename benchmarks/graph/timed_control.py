@@ -1,4 +1,4 @@
-"""The control process with probes: ``latency_file`` of ``state_estimator`` names the file of the stages' times."""
+"""Control process with probes: ``latency_file`` of ``state_estimator`` is the file for the times of the stages."""
 
 import sys
 from collections.abc import Callable
@@ -16,11 +16,11 @@ from models.nodes.spin import run
 from models.types import RobotState
 from planners.nodes.gait_planner import GaitPlannerNode
 
-PROBE = StageProbe()  # of this process: one tick at a time goes through all three nodes
+PROBE = StageProbe()  # one per process: a tick passes all three nodes before the next
 
 
 def record(call: Callable[..., Any], *, begins: int | None = None, ends: int | None = None) -> Callable[..., Any]:
-    """``call``, which records the columns ``begins`` and ``ends`` of ``StageProbe`` before and after it."""
+    """Wrap ``call`` to record the columns ``begins`` and ``ends`` of ``StageProbe`` before and after it."""
 
     def recorded(*arguments: Any) -> Any:
         if begins is not None:
@@ -34,7 +34,7 @@ def record(call: Callable[..., Any], *, begins: int | None = None, ends: int | N
 
 
 class StagedEstimator(StateEstimatorNode):
-    """Records when joints arrive."""
+    """Records the arrival of joint states."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -42,7 +42,7 @@ class StagedEstimator(StateEstimatorNode):
         self._file = declare(self, "latency_file", "", text)
 
     def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any, **options: bool) -> None:
-        """Subscribe; the joints' callback begins a row."""
+        """Subscribe; the callback of joint states begins a row."""
 
         def on_joints(data: Any) -> None:
             PROBE.begin()
@@ -57,7 +57,7 @@ class StagedEstimator(StateEstimatorNode):
 
 
 class StagedPlanner(GaitPlannerNode):
-    """Records when the reference of a walk is there."""
+    """Records when the reference of a walk is available."""
 
     def configure(self) -> None:
         super().configure()
