@@ -1,4 +1,4 @@
-"""``poise rehearse``: a simulated G1 on its gantry behind Unitree's protocol, to practise the start of a real one."""
+"""``poise rehearse``: simulated G1 on a gantry behind Unitree's protocol, to practise the start of a real robot."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from benchmarks.graph.robot_process import RobotProcess
 
 app = typer.Typer()
-PRESS_TIME = 0.5  #: How long a button is pressed [s]
-ROPE_SPEED = 0.05  #: At which the rope is let out [m/s]
+PRESS_TIME = 0.5  #: Time for which a button is pressed [s]
+ROPE_SPEED = 0.05  #: Speed at which the rope is let out [m/s]
 PUSH = 12.0, 0.1  #: Impulse of a push to the left [N.s] and its duration [s]
 HOT = 91.0  #: Temperature of all motors when hot [degree Celsius]
-COLD = 35.0  #: ... and when not [degree Celsius]
-LOW, FULL = 41.0, 50.0  #: Voltage of an empty battery, and of a full one [V]
+COLD = 35.0  #: Temperature of all motors when not hot [degree Celsius]
+LOW, FULL = 41.0, 50.0  #: Voltage of an empty and of a full battery [V]
 HELP = """\
   press   press and release button B of the remote controller
   lower   let out the rope at 5 cm/s         free   take the rope off its hook
@@ -42,7 +42,7 @@ def press(robot: RobotProcess) -> None:
 
 
 def state(robot: RobotProcess) -> str:
-    """The true state of the robot, in one line."""
+    """Return the true state of the robot in one line."""
     seen = robot("report")
     x, y, z = seen["base"]
     return (
@@ -72,7 +72,7 @@ ACTS: dict[str, Callable[[RobotProcess], object]] = {
 
 
 def act(robot: RobotProcess, word: str) -> str:
-    """Do what a word says; returns what to print."""
+    """Perform the act of a word and return the text to print."""
     if word not in ACTS:
         return f"unknown word '{word}'; known:\n{HELP}"
     done = ACTS[word](robot)
@@ -91,7 +91,7 @@ def rehearse(
 
     console = Console()
     with tempfile.TemporaryDirectory() as folder, report_errors(console):
-        load_profile(robot)  # before a process ends with it
+        load_profile(robot)  # report errors before the process starts
         process = RobotProcess("ros", "lo", Path(folder), robot, 500, speed, domain=domain)
         try:
             console.print(

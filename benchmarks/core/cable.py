@@ -16,10 +16,10 @@ from models.errors import PoiseError
 from models.nodes.realtime import die_with_parent
 
 HERE, THERE = "10.213.0.1", "10.213.0.2"
-"""Addresses of two machines on their cable."""
+"""Addresses of the two machines on a cable."""
 
 FIRST, SECOND = "10.213.1.2", "10.213.2.2"
-"""Addresses of two machines on either side of a router."""
+"""Addresses of the two machines on either side of the router."""
 
 ERROR_MAX = 2000  #: Maximum length of a program's error output in a message [characters]
 

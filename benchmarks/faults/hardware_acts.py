@@ -140,7 +140,7 @@ def _jump(loop: Ros2ControlLoop, value: float) -> None:
 
 
 def _inactive(source: Source) -> Act:
-    """Deactivate a controller in the controller manager; without it there are no torques."""
+    """Deactivate a controller in the controller manager; without the command controller, torques are zero."""
     return _at_once(lambda loop, value: loop.side.deactivate(source))
 
 

@@ -1,12 +1,12 @@
-"""The robot's side as a process in real time: ``GantryRobot`` behind Unitree's own SDK, or behind rclpy.
+"""Robot side as a real-time process: ``GantryRobot`` behind Unitree's SDK or behind rclpy.
 
     python -m benchmarks.graph.unitree_side sdk|ros INTERFACE DOMAIN [ROBOT [RATE [SPEED [SEED [DEVIATION]]]]]
 
-ROBOT is its profile, RATE that of states and commands [Hz], SPEED that of its time over real time, SEED of the sensor
-noise, DEVIATION how it differs from the profile (``bridge/plants/deviation.py``, JSON).
-``sdk`` is the package ``far-unitree-sdk``: Unitree's C++ SDK with CycloneDDS in the role of the robot, in DDS domain 0.
-``ros`` publishes the same messages with this project's codec, and the remote controller, which the SDK's robot lacks.
-Lines on the standard input are calls of ``Program`` in JSON, ``["name", arguments...]``; each is answered by a line.
+ROBOT is a profile, RATE the rate of states and commands [Hz], SPEED the speed of the robot's time over real time, SEED
+the seed of the sensor noise, DEVIATION the difference from the profile (``bridge/plants/deviation.py``, JSON).
+``sdk`` uses the package ``far-unitree-sdk``: Unitree's C++ SDK with CycloneDDS in the role of the robot, in DDS domain
+0. ``ros`` publishes the same messages with this project's codec, and the remote controller, which the SDK lacks.
+Each line on the standard input is a call of ``Program`` in JSON, ``["name", arguments...]``; a line answers it.
 """
 
 import json
@@ -29,7 +29,7 @@ from models.config import parse_config
 from models.nodes.realtime import use_fifo
 from models.types import JointCommand
 
-PRIORITY = 50  #: SCHED_FIFO, above the graph; where permitted
+PRIORITY = 50  #: SCHED_FIFO priority, above the graph, where permitted
 LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces>
 <NetworkInterface name="lo" multicast="false"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
@@ -37,18 +37,18 @@ LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces>
 
 
 class TimedSide:
-    """A robot's side of a network that may be cut, and the times of the commands that it receives."""
+    """Robot side with a network that can be disconnected; records the times of received commands."""
 
     def __init__(self, robot: Any) -> None:
         self._robot = robot
         self.connected = True
-        self.published = 0.0  #: When the newest state was [s]
-        self.answers: list[float] = []  #: From a state to the command that follows from it [s]
-        self.gaps: list[float] = []  #: Between two commands [s]
+        self.published = 0.0  #: Time of the latest state [s]
+        self.answers: list[float] = []  #: Times from a state to the command computed from it [s]
+        self.gaps: list[float] = []  #: Times between two commands [s]
         self._last = 0.0
 
     def receive(self, data: bytes, since: float | None) -> None:
-        """A command, and when the state that it follows from was published [s]."""
+        """Receive a command; ``since`` is the publication time of the state it was computed from [s]."""
         if not self.connected:
             return
         now = time.monotonic()
@@ -60,12 +60,12 @@ class TimedSide:
 
 
 class SdkSide:
-    """The robot's side by Unitree's SDK; its motion switcher always answers that no controller is active."""
+    """Robot side with Unitree's SDK; its motion switcher always answers that no controller is active."""
 
     def __init__(self, robot: GantryRobot, interface: str, domain: int) -> None:
         if domain:
             raise SystemExit("the SDK's robot is in domain 0")
-        sdk: Any = import_module("unitree_interface")  # its stubs lack the calls of the robot's side
+        sdk: Any = import_module("unitree_interface")  # the stubs lack the calls for the robot side
         self._robot = robot
         kind = sdk.MessageType.HG
         create = sdk.UnitreeInterface.create_g1
@@ -75,7 +75,7 @@ class SdkSide:
         self._last: Any = None
 
     def exchange(self) -> None:
-        """Publish the present state, and serve what is requested."""
+        """Publish the present state."""
         robot, state = self._robot, self._state
         sensors = robot.read()
         state.tick, state.mode_machine = robot.tick, robot.mode_machine
@@ -90,7 +90,7 @@ class SdkSide:
         self._side.publish_low_state(state)
 
     def take(self) -> None:
-        """Receive the commands since the last call."""
+        """Receive the latest command."""
         given = self._side.read_incoming_command()
         rows = [given.q_target, given.dq_target, given.tau_ff, given.kp, given.kd]
         if rows != self._last:
@@ -102,7 +102,7 @@ class SdkSide:
 
 
 class RosSide(TimedSide):
-    """The robot's side by rclpy."""
+    """Robot side with rclpy."""
 
     def __init__(self, robot: GantryRobot, interface: str, domain: int) -> None:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -120,13 +120,13 @@ class RosSide(TimedSide):
         request, self._response = (find("unitree_api", "msg", name) for name in ("Request", "Response"))
         self._requests = self._node.create_subscription(request, "api/motion_switcher/request", ignore, 10)
         self._responses = self._node.create_publisher(self._response, "api/motion_switcher/response", 10)
-        self._other: Any = None  # publisher of another program's commands, and whether it publishes
+        self._other: Any = None  # publisher of another program's commands
         self.other = False
         self._version, self._release = VERSION, RELEASE
-        self.sent: dict[int, float] = {}  #: Times of the states by tick [s]
+        self.sent: dict[int, float] = {}  #: Publication time of the states by tick [s]
 
     def exchange(self) -> None:
-        """Publish the present state, and serve what is requested."""
+        """Publish the present state, and the commands of another program if enabled."""
         data = self._robot.state()
         if self.other:
             self._other = self._other or self._node.create_publisher(self._kind, "lowcmd", 1)
@@ -142,7 +142,7 @@ class RosSide(TimedSide):
                 del self.sent[next(iter(self.sent))]
 
     def take(self) -> None:
-        """Receive the commands since the last call."""
+        """Receive the commands and requests since the last call."""
         from bridge.plants.participant import take, take_all
 
         for data in take_all(self._commands):
@@ -159,23 +159,23 @@ class RosSide(TimedSide):
 
 
 class Program:
-    """Paces the robot and answers the lines of the standard input."""
+    """Paces the robot and answers the calls on the standard input."""
 
     def __init__(self, robot: Any, make_side: Callable[[Any], Any], speed: float = 1.0) -> None:
         self._answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-        os.dup2(2, 1)  # what the SDK prints is no answer
+        os.dup2(2, 1)  # keeps the output of the SDK out of the answers
         self.robot = robot
         self.side = make_side(robot)
         self.speed = speed
-        self.late = 0.0  # of the physics behind the clock [s]
+        self.late = 0.0  # delay of the physics behind the clock [s]
         self.skipped = 0
         self._buffer = b""
         self._done = False
-        self._stopped_at: int | None = None  # tick of a stop
-        self.stop_ms: int | None = None  #: From the stop to the first command without stiffness, in ticks [ms]
+        self._stopped_at: int | None = None  # tick of the stop
+        self.stop_ms: int | None = None  #: Time from the stop to the first command without stiffness, in ticks [ms]
 
     def run(self) -> None:
-        """Step the robot in real time until the end of the input, or ``quit``."""
+        """Step the robot in real time until the end of the input or ``quit``."""
         use_fifo(PRIORITY, lambda text: print(text, file=sys.stderr, flush=True))  # a real robot has its own computer
         period = STEP / self.speed
         due = time.monotonic()
@@ -191,7 +191,7 @@ class Program:
             now = time.monotonic()
             if now < due:
                 time.sleep(due - now)
-            elif now - due > 0.005:  # the robot's time waits: a real one has no other programs
+            elif now - due > 0.005:  # the robot's time waits: a real robot has no other programs
                 self.late += now - due
                 self.skipped += 1
                 due = now
@@ -215,12 +215,12 @@ class Program:
         return command is not None and command.kp is not None and not command.kp.any()
 
     def stop(self, name: str, *arguments: Any) -> Any:
-        """A call that must stop the robot; ``stop_ms`` counts from it."""
+        """Call a method that must stop the robot; ``stop_ms`` counts from this call."""
         self._stopped_at = self.robot.tick
         return getattr(self, name)(*arguments)
 
     def report(self) -> dict[str, Any]:
-        """Truth and counts."""
+        """Return true state and counts."""
         answers = np.array(getattr(self.side, "answers", []) or [np.nan])
         gaps = np.array(getattr(self.side, "gaps", [])[1:] or [np.nan])
         command = self.robot.command
@@ -252,17 +252,17 @@ class Program:
         return True
 
     def connect(self, connected: bool) -> bool:
-        """Plug the network in or out (ros only)."""
+        """Connect or disconnect the network (ros only)."""
         self.side.connected = connected
         return True
 
     def other(self, on: bool) -> bool:
-        """Another program damps the robot with every state, or ends (ros only)."""
+        """Start or end another program that damps the robot at every state (ros only)."""
         self.side.other = on
         return True
 
     def tie(self) -> bool:
-        """Tie the rope to the robot where it is."""
+        """Tie the rope to the robot at its present position."""
         self.robot.tie()
         return True
 
@@ -277,7 +277,7 @@ class Program:
         return True
 
     def clear(self) -> bool:
-        """Forget the latencies so far."""
+        """Discard the latencies recorded so far."""
         if hasattr(self.side, "answers"):
             self.side.answers.clear()
             self.side.gaps.clear()
@@ -285,7 +285,7 @@ class Program:
         return True
 
     def quit(self) -> bool:
-        """End."""
+        """End the program."""
         self._done = True
         return True
 
@@ -300,7 +300,7 @@ def main(
     seed: str = "0",
     deviation: str = "{}",
 ) -> None:
-    """Run the robot and its side until the end of the input, or ``quit``."""
+    """Run the robot and its side until the end of the input or ``quit``."""
     side = {"sdk": SdkSide, "ros": RosSide}[kind]
     differs = parse_config(Deviation, json.loads(deviation), "deviation")
     gantry = GantryRobot(robot, rate=float(rate), seed=int(seed), deviation=differs, released=kind == "sdk")

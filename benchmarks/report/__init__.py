@@ -1,1 +1,1 @@
-"""Suites of benchmarks, their saved reports, and the page of tables and plots."""
+"""Suites of benchmarks, saved reports, and the report page with tables and plots."""

@@ -1,4 +1,4 @@
-"""The report of a suite: tables and pictures in ``report.md``, and ``report.html`` that holds all in one file."""
+"""Report of a suite: ``report.md`` with tables and plots, and ``report.html``, which includes them in one file."""
 
 import base64
 import math
@@ -31,7 +31,7 @@ from models.errors import ConfigError, PoiseError
 
 @dataclass(frozen=True, slots=True)
 class Limited:
-    """A measured figure of a robot, its limit by name and value in the same unit, and their ratio [-]."""
+    """Measured figure of a robot, name and value of its limit in the same unit, and their ratio [-]."""
 
     what: str
     robot: str
@@ -42,14 +42,14 @@ class Limited:
     ratio: float
 
 
-#: Name and key [m/s] of the limits of each push benchmark
+#: Name and case key [m/s] of the limits of each push benchmark
 PUSH_LIMITS = {
     "push": (("ankle bound", "bound_dv"), ("torque-limited bound", "torque_bound_dv")),
     "push_catch": (("ankle bound", "ankle_dv"), ("N-step capturability", "steps_dv")),
     "push_step": (("ankle bound", "ankle_dv"), ("N-step capturability", "steps_dv")),
     "push_walk": (("ankle bound", "ankle_dv"), ("N-step capturability", "steps_dv")),
 }
-#: What it is, its figure, its limit and that one's figure [us], of the benchmarks of time
+#: Description, figure, name of the limit, and figure of the limit [us] for the timing benchmarks
 TIME_LIMITS = {
     "tick": (("whole-body tick, standing, median", "tick_us_p50", "bare Pinocchio calls", "pinocchio_calls_us_p50"),),
     "gait": (
@@ -66,7 +66,7 @@ TIME_LIMITS = {
 
 
 def limited(reports: Reports) -> list[Limited]:
-    """Every figure of some reports that has a limit."""
+    """Return all figures that have a limit."""
     return [
         row
         for (bench, robot), report in reports.items()
@@ -75,19 +75,19 @@ def limited(reports: Reports) -> list[Limited]:
 
 
 def _pushes(robot: str, report: Report) -> Iterator[Limited]:
-    """The direction that is nearest to its limit, from below or least above."""
+    """Yield the direction with the smallest ratio to each limit."""
     for limit, key in PUSH_LIMITS[report.bench]:
         found = [(case, _limit(case, key)) for case in report.cases]
         shown = [(case, value) for case, value in found if value > 0.0 or not case["dv"]]
         ratios = [(case["dv"] / value if value > 0.0 else 0.0, case, value) for case, value in shown]
-        if ratios:  # none where the DCM was beyond the edge already
+        if ratios:  # empty if the DCM was already outside of the soles
             ratio, case, value = min(ratios, key=lambda row: row[0])
             what = f"push, {DOING[report.bench]}, weakest against it: {direction_name(case['angle'])}"
             yield Limited(what, robot, case["dv"], limit, value, "m/s", ratio)
 
 
 def _limit(case: Case, key: str) -> float:
-    """A limit of a push as impulse over mass [m/s]; cases keep that of the torques as a force."""
+    """Return a limit of a push as impulse over mass [m/s]; cases store the torque bound as a force."""
     return float(case[key] if key in case else case["bound_dv"] * case["torque_bound"] / case["bound"])
 
 
@@ -98,27 +98,27 @@ def _times(robot: str, report: Report) -> Iterator[Limited]:
             yield Limited(what, robot, measured, limit, value, "us", measured / value)
 
 
-MOST_NOTES = 12  # lines in the report about a benchmark that has not passed
+MOST_NOTES = 12  # maximum number of lines about a benchmark that has not passed
 
-#: Prefixes of notes that describe no failure
+#: Prefixes of notes that do not describe a failure
 GOOD_NOTES = ("ok", "holds", "wall-clock", "problems", "dv:", "idle: holds", "advice", "this machine keeps")
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a Markdown table, and an empty one."""
+    """Return the lines of a Markdown table, and an empty line."""
     cells = [head, ["---"] * len(head), *rows]
     return [f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in cells] + [""]
 
 
 def number(value: float) -> str:
-    """Three digits, or a dash where nothing was measured."""
+    """Format with three digits; a dash for no value."""
     if not math.isfinite(value):
         return "-"
     return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"  # 1e3: three digits would become an exponent
 
 
 def bounded(report: Report | None, name: str) -> str:
-    """A figure of a report with its bound; bold where that does not hold, a dash where it was not measured."""
+    """Format a figure with its bound: bold if the bound does not hold, a dash if not measured."""
     value = math.nan if report is None else report.figures.get(name, math.nan)
     if report is None or not math.isfinite(value):
         return "-"
@@ -129,7 +129,7 @@ def bounded(report: Report | None, name: str) -> str:
 
 
 def summary(saved: Sequence[SavedReport], failures: Sequence[Failure]) -> list[str]:
-    """What every benchmark found, whether its bounds hold, and the command; then what is broken, in its own words."""
+    """Return a table of benchmarks with verdict, key figures and command, and the notes of those that failed."""
     rows = [
         [
             entry.report.bench.replace("_", " "),
@@ -155,7 +155,7 @@ def summary(saved: Sequence[SavedReport], failures: Sequence[Failure]) -> list[s
 
 
 def missing(progress: Progress) -> list[str]:
-    """What an unfinished suite lacks; nothing where all is there."""
+    """Return a list of the missing parts of an unfinished suite; empty if complete."""
     if not progress.missing:
         return []
     state = str(progress)
@@ -171,7 +171,7 @@ def missing(progress: Progress) -> list[str]:
 
 
 def _keys(report: Report) -> str:
-    """The key figures of a benchmark, and every one whose bound does not hold."""
+    """Return the key figures of a benchmark, and all figures whose bound does not hold."""
     listed = catalogue().get(report.bench)
     words = listed.info.keys if listed else {}
     broken = [
@@ -184,7 +184,7 @@ def _keys(report: Report) -> str:
 
 
 def limits(reports: Reports) -> list[str]:
-    """What physics or the machine allows, and how near each figure comes."""
+    """Return the table of figures with their physical or machine limits."""
     rows = [
         [row.what, row.robot, f"{number(row.measured)} {row.unit}", row.limit, f"{number(row.value)} {row.unit}",
          f"{row.ratio:.2f}"]
@@ -202,7 +202,7 @@ def limits(reports: Reports) -> list[str]:
 
 
 def figures(reports: Reports) -> list[str]:
-    """The figures that each benchmark's description names, with their bounds, one column a robot."""
+    """Return the table of the ``figures`` of each benchmark, with bounds, one column per robot."""
     robots, rows = robots_of(reports), []
     for bench, listed in catalogue().items():
         measured = {robot: reports[bench, robot] for robot in robots if (bench, robot) in reports}
@@ -212,7 +212,7 @@ def figures(reports: Reports) -> list[str]:
 
 
 def survival(reports: Reports) -> list[str]:
-    """Shares survived, with their intervals."""
+    """Return the table of survival shares with intervals."""
     rows = [
         [share.name, share.robot, f"{share.survived} of {share.total}", "{:.2f} to {:.2f}".format(*share.interval)]
         for share in shares(reports.values())
@@ -223,7 +223,7 @@ def survival(reports: Reports) -> list[str]:
 
 
 def conditions(saved: Sequence[SavedReport]) -> list[str]:
-    """Under what each benchmark was measured."""
+    """Return the table of measurement conditions."""
     rows = [
         [
             entry.report.bench,
@@ -239,9 +239,9 @@ def conditions(saved: Sequence[SavedReport]) -> list[str]:
     return ["## How it was measured", "", *table(head, rows)]
 
 
-PLOTS = "plots"  # folder of the pictures, in the folder of the report
+PLOTS = "plots"  # folder of the plots, in the folder of the report
 
-#: Heading, file and picture, in the order of the report
+#: Heading, file name and plot function, in the order of the report
 PICTURES: tuple[tuple[str, str, Callable[[Reports], Figure | None]], ...] = (
     ("Survival", "survival", draw_shares),
     ("Survival over time and size of push", "survival-curves", draw_curves),
@@ -269,7 +269,7 @@ td{vertical-align:top}img{max-width:100%}code{background:#f3f3f3}"""
 
 
 def write_report(folder: Path) -> list[Path]:
-    """Build ``report.md``, ``report.html`` and pictures from a suite's JSON lines; ``ConfigError`` without any."""
+    """Build ``report.md``, ``report.html`` and plots from the JSON lines of a suite; ``ConfigError`` without any."""
     page, *pictures = _write_page(folder, folder)
     whole = folder / "report.html"
     whole.write_text(_html(page), encoding="utf-8")
@@ -277,9 +277,9 @@ def write_report(folder: Path) -> list[Path]:
 
 
 def publish_report(folder: Path, docs: Path) -> list[Path]:
-    """Write what a repository keeps: page, pictures, and ``reports.jsonl``, a line a bench and robot, no cases.
+    """Write page, plots, and ``reports.jsonl`` (one line per benchmark and robot, no cases) for a repository.
 
-    Pictures of an earlier report that this one lacks are deleted.
+    Plots of an earlier report that this report lacks are deleted.
     """
     files = _write_page(folder, docs)
     for file in {docs / PLOTS / f"{name}.png" for _, name, _ in PICTURES} - set(files):
@@ -335,7 +335,7 @@ def _head(saved: Sequence[SavedReport], progress: Progress, out: Path) -> list[s
 
 
 def _doc(out: Path, name: str) -> str:
-    """A page of the documentation: a link from a report that lies in it, else its name."""
+    """Return a relative link to a documentation page if ``out`` is inside the documentation, else its name."""
     docs = ROOT / "docs"
     if not out.resolve().is_relative_to(docs):
         return f"`docs/{name}`"

@@ -1,4 +1,4 @@
-"""Pictures of speeds, costs, errors, delays and times, of all robots in one."""
+"""Plots of speeds, costs, errors, delays and times, with all robots in one plot."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -26,31 +26,31 @@ from models.types import Vector
 Reports = Mapping[tuple[str, str], Report]  # reports by bench and robot
 
 LOOKS = (("#0072b2", "o"), ("#d55e00", "s"), ("#009e73", "^"), ("#cc79a7", "D"), ("#56b4e9", "v"))
-"""Colour and mark of the first robot, the second, ...: of Okabe and Ito, distinguishable for the colour-blind."""
+"""Colour and marker of each robot, from the palette of Okabe and Ito for colour-blind readers."""
 
-MAP = "cividis"  # colours of a heat map: dark to light for all eyes
-BOUND: dict[str, Any] = {"color": "k", "linewidth": 1.0, "linestyle": "--"}  # how a bound is drawn
-DPI = 110  # of a picture: at 9 inches it fills a page of documentation at its own size
-PALETTE = 255  # colours of a picture's file: indistinguishable for lines and text, and a third of the size
+MAP = "cividis"  # colour map that is monotonic in lightness
+BOUND: dict[str, Any] = {"color": "k", "linewidth": 1.0, "linestyle": "--"}  # line style of a bound
+DPI = 110  # resolution of a plot: 9 inches fill the width of a documentation page
+PALETTE = 255  # colours in a file: no visible difference for lines and text, a third of the size
 
 
 def robots_of(reports: Reports, *benches: str) -> list[str]:
-    """Robots that these benchmarks have measured, or any where none is named."""
+    """Return the robots measured by these benchmarks, or by any if none is given."""
     return list(dict.fromkeys(robot for bench, robot in reports if not benches or bench in benches))
 
 
 def look(reports: Reports, robot: str) -> tuple[str, str]:
-    """Colour and mark of a robot, the same in every picture."""
+    """Return colour and marker of a robot, the same in every plot."""
     return LOOKS[robots_of(reports).index(robot) % len(LOOKS)]
 
 
 def colour(reports: Reports, robot: str) -> str:
-    """That of ``look``."""
+    """Return the colour of ``look``."""
     return look(reports, robot)[0]
 
 
 def draw_dots(axes: Axes, reports: Reports, values: Mapping[str, Mapping[str, Sequence[float]]], label: str) -> None:
-    """Draw one mark a case, by robot and scenario; the label names the unit."""
+    """Draw one marker per case, by robot and scenario; ``label`` includes the unit."""
     names = list(dict.fromkeys(name for of in values.values() for name in of))
     for k, (robot, of) in enumerate(values.items()):
         offset = 0.16 * (k - 0.5 * (len(values) - 1))
@@ -65,7 +65,7 @@ def draw_dots(axes: Axes, reports: Reports, values: Mapping[str, Mapping[str, Se
 
 
 def save(figure: Figure, file: Path) -> Path:
-    """Write a picture with few colours; returns the file."""
+    """Write a plot with a reduced palette; returns the file."""
     figure.set_dpi(DPI)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -74,7 +74,7 @@ def save(figure: Figure, file: Path) -> Path:
     return file
 
 
-#: Parts of a velocity, in the robot's frame, and their units
+#: Components of a velocity in the robot's frame, and their units
 AXES_OF_WALKING = (("forward", "m/s"), ("left", "m/s"), ("turn to the left", "rad/s"))
 MILLI, PERCENT = 1e3, 1e2
 
@@ -89,7 +89,7 @@ def _by_scenario(
 
 
 def _walks(reports: Reports) -> dict[str, list[Case]]:
-    """Walks at one velocity, by robot; empty when there is none."""
+    """Return the walks at constant velocity by robot; empty if there are none."""
     found = {robot: reports["walk", robot].cases for robot in robots_of(reports, "walk")}
     steady = {robot: [case for case in cases if case["kind"] == "steady"] for robot, cases in found.items()}
     return steady if any(steady.values()) else {}
@@ -218,24 +218,24 @@ def _dots(reports: Reports, values: dict[str, dict[str, list[float]]], label: st
     return figure
 
 
-#: Among the quantiles of a whole-body tick: key, figures, style, label
+#: Curves of a whole-body tick: key of the quantiles, name of the figures, line style, label
 SUBJECTS = (
     ("tick", "tick_us_{}", "-", ""),
     ("pinocchio_calls", "pinocchio_calls_us_{}", ":", ", bare Pinocchio calls"),
 )
-#: Bench, what its tick is, and what is drawn of it, for what is kept by quantiles
+#: Benchmark, title and curves of the panels from quantiles
 TIMED = (
     ("tick", "whole-body tick, standing, waving, pushed", SUBJECTS),
     ("gait", "whole-body tick, single support, walking", SUBJECTS),
     ("loop", "tick of the whole closed loop, walking", (("tick_walk", "tick_walk_us_{}", "-", ""),)),
 )
-#: Of the way over ROS 2: key, figures, style, label
+#: Curves of the latency over ROS 2: key of the spreads, name of the figures, line style, label
 WAYS = (("latency", "{}_us", "-", ""), ("floor", "floor_{}_us", ":", ", ping-pong floor"))
-USUAL = "idle"  # scenario of the latency that is drawn: the one that is held to bounds
-BINS = 60  # of a histogram, evenly spread on a logarithmic axis
-SHOWN = 99.9  # percentile where a histogram ends; the largest sample stands in the legend [%]
+USUAL = "idle"  # latency scenario that is drawn, because it has bounds
+BINS = 60  # number of bins of a histogram, equal on a logarithmic axis
+SHOWN = 99.9  # percentile at the end of a histogram; the legend has the largest sample [%]
 
-#: Where a logarithmic axis is labelled [us]
+#: Labels of a logarithmic axis [us]
 MARKS = (20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000, 1500, 2000, 3000, 5000, 10000)
 Part = tuple[Vector, str, str, str]  # value at each of ``QUANTILES`` (k,) [us], colour, style, label
 
@@ -273,7 +273,7 @@ def draw_loop(reports: Reports) -> Figure | None:
 
 
 def _ticks(reports: Reports, bench: str, subjects: Sequence[tuple[str, str, str, str]]) -> list[Part]:
-    """Medians over the seeds of what each subject took."""
+    """Return the quantiles of each subject, as median over the seeds."""
     return [
         (
             np.median([case["quantiles"][subject] for case in reports[bench, robot].cases], axis=0),
@@ -311,11 +311,11 @@ def _label(report: Report, label: str, name: str) -> str:
 
 
 def _draw(axes: Axes, parts: list[Part]) -> None:
-    """Histograms with the same bins, from quantiles: between two of them lies a known share, evenly spread."""
+    """Draw histograms with common bins from quantiles, with linear interpolation between quantiles."""
     shares = np.array(QUANTILES)
     low = min(values[0] for values, *_ in parts)
     high = max(values[shares == SHOWN][0] for values, *_ in parts)
-    edges = np.geomspace(max(low, 1.0), max(high, 1.001 * max(low, 1.0)), BINS + 1)  # 1: nothing is below a microsecond
+    edges = np.geomspace(max(low, 1.0), max(high, 1.001 * max(low, 1.0)), BINS + 1)  # 1: no time is below a microsecond
     for values, shade, style, label in parts:
         held = 100.0 * np.diff(np.interp(edges, values, shares / 100.0))
         axes.stairs(

@@ -1,4 +1,4 @@
-"""Shares survived with their intervals, and their pictures: curves over time and size, push maps, uneven ground."""
+"""Survival shares with intervals, and their plots: curves over time and push size, push maps, uneven ground."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -20,12 +20,12 @@ from benchmarks.stability.terrain import TerrainConfig
 from benchmarks.stability.terrain_ladder import draw_ladders
 from bridge.analysis.plots import new_figure
 
-CONFIDENCE = 0.95  # of the two-sided intervals [-]
+CONFIDENCE = 0.95  # confidence of the two-sided intervals [-]
 
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """How many of the named trials a robot survived."""
+    """Number of survived trials of a robot, by name."""
 
     name: str
     robot: str
@@ -39,13 +39,13 @@ class Share:
 
 
 def wilson(survived: int, total: int) -> tuple[float, float]:
-    """Wilson's two-sided interval of a share of at least one trial, at ``CONFIDENCE`` [-]."""
+    """Return Wilson's two-sided interval of a share, for at least one trial, at ``CONFIDENCE`` [-]."""
     found = binomtest(survived, total).proportion_ci(CONFIDENCE, method="wilson")
     return float(found.low), float(found.high)
 
 
 def shares(reports: Iterable[Report]) -> list[Share]:
-    """What was survived in every benchmark that can be survived, by scenario."""
+    """Return the survival of every benchmark that defines it, by scenario."""
     found: list[Share] = []
     for report in reports:
         listed = catalogue().get(report.bench)
@@ -60,16 +60,16 @@ def shares(reports: Iterable[Report]) -> list[Share]:
 
 
 def lasting(ends: Sequence[float], at: Sequence[float]) -> list[tuple[float, float, float]]:
-    """Share of trials that end at or after each of ``at``, with the bounds of its interval [-]."""
+    """Return the share of ``ends`` at or after each of ``at``, with the bounds of its interval [-]."""
     counts = [sum(end >= x for end in ends) for x in at]
     return [(count / len(ends), *wilson(count, len(ends))) for count in counts]
 
 
-PUSHES = ("push", "push_catch", "push_step", "push_walk")  # benchmarks that look for the largest push
+PUSHES = ("push", "push_catch", "push_step", "push_walk")  # benchmarks that search the largest push
 
-#: What the robot does while it is pushed
+#: Task of the robot during the push
 DOING = dict(zip(PUSHES, ("standing, no step", "mode 'stand', steps", "mode 'walk', steps", "walking"), strict=True))
-COLUMNS = 2  # maps beside each other
+COLUMNS = 2  # maps per row
 
 
 def draw_push_maps(reports: Reports) -> Figure | None:
@@ -91,8 +91,8 @@ def draw_push_maps(reports: Reports) -> Figure | None:
     return figure
 
 
-POINTS = 200  # of a curve
-BARS = 8  # intervals drawn on a curve
+POINTS = 200  # number of points of a curve
+BARS = 8  # number of intervals drawn on a curve
 
 
 def draw_shares(reports: Reports) -> Figure | None:
@@ -168,7 +168,7 @@ def draw_curves(reports: Reports) -> Figure | None:
 def _draw_curve(
     axes: Axes, ends: Sequence[float], reach: tuple[float, float], label: str, shade: str, style: str
 ) -> None:
-    """A curve up to ``reach[0]``, and its intervals at places that are ``reach[1]`` of their distance late [-]."""
+    """Draw a curve up to ``reach[0]``, with intervals shifted by ``reach[1]`` of half their spacing [-]."""
     last, late = reach
     at = np.linspace(0.0, last, POINTS)
     axes.step(at, np.array(lasting(ends, at.tolist()))[:, 0], where="post", color=shade, linestyle=style, label=label)

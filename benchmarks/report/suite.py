@@ -1,8 +1,8 @@
-"""All benchmarks with the same workers and file of finished cases, and their results as JSON lines.
+"""Run all benchmarks with common workers and results file, and store the reports as JSON lines.
 
-``reports.jsonl`` stands beside the ``cases.jsonl`` whose cases it names by key. A line is the JSON object of a
-benchmark with ``keys`` instead of cases, ``notes`` and the ``command`` that measures it again; a benchmark that could
-not be run has ``bench``, ``robot``, ``error``, ``trace`` and ``revision``. A later line of the same bench and robot
+``reports.jsonl`` is next to ``cases.jsonl`` and refers to its cases by key. A line is the JSON object of a report with
+``keys`` instead of cases, ``notes`` and the ``command`` that repeats the measurement. For a benchmark that could not be
+run it has ``bench``, ``robot``, ``error``, ``trace`` and ``revision``. A later line of the same bench and robot
 replaces an earlier one.
 """
 
@@ -27,7 +27,7 @@ Subject = tuple[str, str]  # bench and robot
 
 @dataclass(frozen=True, slots=True)
 class SavedReport:
-    """A report with command, machines, source revision and packages that measured it, and its cases' time [s]."""
+    """Report with its command, machines, source revision, package versions, and total time of its cases [s]."""
 
     report: Report
     command: str
@@ -39,7 +39,7 @@ class SavedReport:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A benchmark that could not be run; ``trace`` is the file of the traceback, empty for an expected error."""
+    """Benchmark that could not be run; ``trace`` is the file of the traceback, empty for an expected error."""
 
     bench: str
     robot: str
@@ -49,7 +49,7 @@ class Failure:
 
 
 def save_report(folder: Path, report: Report, keys: Sequence[str], command: str, *, anew: bool) -> None:
-    """Append a report with the ``keys`` of its cases, unless the same is there and none was measured ``anew``."""
+    """Append a report with the ``keys`` of its cases, unless it is stored and no case was measured ``anew``."""
     latest = latest_lines(folder).get((report.bench, report.robot), {})
     if not anew and (latest.get("keys"), latest.get("command")) == (list(keys), command):
         return
@@ -59,7 +59,7 @@ def save_report(folder: Path, report: Report, keys: Sequence[str], command: str,
 
 
 def save_failure(folder: Path, bench: str, robot: str, error: Exception) -> Failure:
-    """Add that a benchmark could not be run to a suite's folder, with the traceback of an unexpected error."""
+    """Append a failure to a suite's folder, with the traceback of an unexpected error."""
     trace = ""
     if not isinstance(error, PoiseError):
         trace = f"{ERRORS}/{bench}-{Path(robot).stem}.txt"
@@ -71,7 +71,7 @@ def save_failure(folder: Path, bench: str, robot: str, error: Exception) -> Fail
 
 
 def read_reports(folder: Path) -> tuple[list[SavedReport], list[Failure]]:
-    """Reports and failures of a suite's folder; ``ConfigError`` for a damaged line or a missing case."""
+    """Read reports and failures of a suite's folder; ``ConfigError`` for a damaged line or a missing case."""
     cases = {line["key"]: line for line in read_lines(folder / CASES)}
     saved, failures = [], []
     for line in latest_lines(folder).values():
@@ -86,7 +86,7 @@ def read_reports(folder: Path) -> tuple[list[SavedReport], list[Failure]]:
 
 
 def latest_lines(folder: Path) -> dict[Subject, Line]:
-    """The last line of each bench and robot of a suite's folder, in the order in which they were first measured."""
+    """Return the last line of each bench and robot, in the order of their first lines."""
     return {_subject(line): line for line in read_lines(folder / REPORTS)}
 
 
@@ -104,24 +104,24 @@ PLAN = "plan.jsonl"  # file in a suite's folder
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """An unfinished benchmark and robot of a suite."""
+    """Unfinished benchmark and robot of a suite."""
 
     bench: str
     robot: str
     done: int  #: Finished cases
-    total: int  #: Requested cases so far; 0 where it has not begun
-    earlier: bool  #: Whether there is a report of another revision or of other cases
+    total: int  #: Cases requested so far; 0 if not begun
+    earlier: bool  #: Whether there is a report of another revision or with other cases
 
     @property
     def state(self) -> str:
-        """In words."""
+        """State as text."""
         state = f"{self.done} of {self.total} cases" if self.total else "not begun"
         return f"{state}; reported: an earlier measurement" if self.earlier else state
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Progress of a suite: its name (empty without a plan), number of benchmarks and robots, and those unfinished."""
+    """Progress of a suite: its name (empty without a plan), number of parts, and unfinished parts."""
 
     suite: str = ""
     parts: int = 0
@@ -136,7 +136,7 @@ class Progress:
 
 
 def save_plan(folder: Path, suite: str, commands: Mapping[Subject, str]) -> None:
-    """Append the plan of a suite, the command of each benchmark and robot in order, unless it is the latest plan."""
+    """Append the plan of a suite (commands of all parts, in order), unless it equals the latest plan."""
     parts = [[*subject, command] for subject, command in commands.items()]
     line = {"suite": suite, "revision": source_state(), "parts": parts}
     plans = [found for found in read_lines(folder / PLAN) if "parts" in found]
@@ -145,14 +145,14 @@ def save_plan(folder: Path, suite: str, commands: Mapping[Subject, str]) -> None
 
 
 def save_begun(folder: Path, subject: Subject, keys: Sequence[str]) -> None:
-    """Append that a benchmark begins on a robot, with the keys of all its cases known so far."""
+    """Append the start of a benchmark on a robot, with the keys of all its cases known so far."""
     (bench, robot), reports = subject, len(read_lines(folder / REPORTS))
     found = {"bench": bench, "robot": robot, "revision": source_state(), "keys": list(keys), "reports": reports}
     append_line(folder / PLAN, found)
 
 
 def read_progress(folder: Path) -> Progress:
-    """Progress of the suite that was started last; ``ConfigError`` for a damaged line."""
+    """Return the progress of the suite that was started last; ``ConfigError`` for a damaged line."""
     lines = read_lines(folder / PLAN)
     plans = [line for line in lines if "parts" in line]
     if not plans:
@@ -177,13 +177,13 @@ def _subject(line: Line) -> Subject:
 
 
 def parts_of(suite: str) -> dict[str, Part]:
-    """Part of each benchmark that ``--quick`` or ``--full`` measures, by the name of its reports, in order."""
+    """Return the parts of ``--quick`` or ``--full`` by report name, in order."""
     parts = {name: listed.info.quick if suite == "quick" else listed.info.full for name, listed in catalogue().items()}
     return {name: part for name, part in parts.items() if part is not None}
 
 
 def command_of(part: Part, listed: Listed, robot: str) -> str:
-    """Command that measures one benchmark of a suite on one robot."""
+    """Return the command that runs one benchmark of a suite on one robot."""
     words = ["poise", "bench", listed.command, "--robot", robot, "--seeds", str(part.seeds)]
     if listed.command != listed.name:
         words += ["--mode", listed.info.mode]
@@ -198,7 +198,7 @@ def run_suite(
     console: Console,
     suite: str = "quick",
 ) -> bool:
-    """Run every benchmark, keep its report, and return whether all passed; only ``WorkersError`` ends it early."""
+    """Run every benchmark, save its report, and return whether all passed; only ``WorkersError`` ends it early."""
     if sweep.results is None:
         raise ConfigError("a suite needs a file of finished cases")
     runs = [(bench, robot, part) for bench, part in parts.items() for robot in part.robots]
@@ -231,7 +231,7 @@ def run_suite(
 
 
 def _recorder(folder: Path, subject: Subject, results: ResultsFile) -> Callable[[Sequence[str]], None]:
-    """Records the cases that a benchmark on a robot asks for, unless all of them are there."""
+    """Return a callback that records the requested cases of a benchmark, unless all of them are finished."""
     asked: list[str] = []
 
     def began(keys: Sequence[str]) -> None:

@@ -1,1 +1,1 @@
-"""Time of the tick, its parts, the closed loop, the graph and the sweeps."""
+"""Timing of the tick, its parts, the closed loop, the graph and the sweeps."""

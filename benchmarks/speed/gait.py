@@ -1,8 +1,8 @@
-"""Time of the gait planner, of one step adjustment, and of the whole-body tick in single support.
+"""Timing of the gait planner, of the step adjustment, and of the whole-body tick in single support.
 
-The whole-body tick without the planner runs beside placo and the bare Pinocchio calls at the same state and is judged
-like the standing one (``tick.py``). placo empties the caches, so it runs in every other second, and only the ratio to
-it is taken from those. Pre-empted samples are left out, and the garbage collector is off.
+The whole-body tick without the planner runs beside placo and the bare Pinocchio calls at the same state. It is judged
+like the standing tick (``tick.py``). placo evicts the caches, so it runs in every other second, and only the ratio to
+placo uses these seconds. Pre-empted samples are excluded, and the garbage collector is off.
 """
 
 import sys
@@ -40,17 +40,17 @@ from models.types import ControlResult, Reference, RobotState
 from planners.gait.adjustment import StepPlanner
 from planners.gait.planner import GaitPlanner
 
-#: What is timed: the planner's tick; in it one step adjustment with its preview; the law's tick with its QP, without
-#: the planner; beside it, at the same state, placo's dynamics solver and the bare Pinocchio calls
+#: Timed calls: tick of the planner; step adjustment with preview, inside of it; tick of the law with its QP, without
+#: the planner; at the same state, placo's dynamics solver and the bare Pinocchio calls
 SUBJECTS = ("gait", "adjustment", "tick", "placo", "pinocchio_calls")
 GAIT, ADJUSTMENT, TICK, PLACO, PINOCCHIO = range(len(SUBJECTS))
 
-#: Orders that the ticks go through in turn: what ran before decides what the caches hold
+#: Orders of the calls, one per tick in turn, because earlier calls affect the caches
 ORDERS = tuple(permutations((TICK, PLACO, PINOCCHIO)))
 
 
 class TimedWalk:
-    """Times the ticks of a walk without changing it."""
+    """Times the ticks of a walk without affecting it."""
 
     def __init__(self, planner: GaitPlanner, controller: BalanceController, ticks: int) -> None:
         self._planner, self._controller = planner, controller
@@ -58,17 +58,17 @@ class TimedWalk:
         self._track = self._controller.step
         self._pinocchio = PinocchioCalls(self._planner.model)
         self._placo = PlacoTick(self._planner.model, self._controller.whole_body.config)
-        self.watch = Stopwatch(ticks, len(SUBJECTS))  #: Times of each of ``SUBJECTS``, one row a tick
-        self.count = self.placo_failed = 0  #: Ticks recorded, and those on which placo found no solution
-        self.with_placo = False  #: Whether placo runs beside the next ticks
-        #: Whether the step was adjusted, the tick was one of single support, for placo too, and placo ran (ticks,)
+        self.watch = Stopwatch(ticks, len(SUBJECTS))  #: Times of ``SUBJECTS``, one row per tick
+        self.count = self.placo_failed = 0  #: Number of recorded ticks, and of ticks without a solution of placo
+        self.with_placo = False  #: Whether placo runs on the next ticks
+        #: Whether the step was adjusted, the tick was in single support (also for placo), and placo ran (ticks,)
         self.adjusted, self.single, self.beside = np.zeros((3, ticks), dtype=bool)
         self.residual = np.zeros(ticks)  #: KKT residual of the QP (ticks,) [-]
         self.status = np.zeros(ticks, dtype=np.int64)  #: Index into ``STATUSES`` (ticks,)
 
     @contextmanager
     def recording(self) -> Iterator[None]:
-        """Time what happens meanwhile."""
+        """Time all calls within the context."""
 
         def adjust(plan: StepPlanner, *arguments: Any) -> Any:
             self.adjusted[self.count] = True
@@ -86,7 +86,7 @@ class TimedWalk:
         return reference
 
     def _tick(self, state: RobotState, dt: float) -> ControlResult:
-        """The law and its peers, in changing order. placo gets the references of the tick before."""
+        """Time the law and its peers in changing order; placo uses the references of the previous tick."""
         row, before = self.count, self._controller.reference.contacts
         calls: dict[int, Callable[[], Any]] = {
             TICK: lambda: self._track(state, dt),
@@ -98,7 +98,7 @@ class TimedWalk:
         order = [subject for subject in ORDERS[row % len(ORDERS)] if subject in calls]
         done = {subject: self.watch.measure(row, subject, calls[subject]) for subject in order}
         for times in (self.watch.wall, self.watch.cpu):
-            times[row, TICK] -= times[row, GAIT]  # the planner runs within the law's tick and counts by itself
+            times[row, TICK] -= times[row, GAIT]  # the planner runs inside the law and is counted separately
         result: ControlResult = done[TICK]
         reference = self._controller.reference
         self.single[row] = before == reference.contacts and before[0] != before[1]
@@ -111,7 +111,7 @@ class TimedWalk:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class GaitBenchConfig:
-    """The walk; the unit of every value stands in ``benchmarks/config/gait.yaml``."""
+    """Settings of the walk; the units are in ``benchmarks/config/gait.yaml``."""
 
     forward: float
     warm_up: Positive
@@ -123,7 +123,7 @@ _config = partial(settings, GaitBenchConfig, "gait")
 
 
 def measure(robot: str, seed: int) -> Case:
-    """Time the ticks of one walk: ``figures``, and ``quantiles`` [us] of every subject at ``QUANTILES``."""
+    """Time the ticks of one walk; returns ``figures``, and ``quantiles`` [us] of every subject at ``QUANTILES``."""
     config = _config()
     loop = ClosedLoop(robot=robot, seed=seed, record=False)
     start_walk(loop, config.forward)
@@ -140,7 +140,7 @@ def measure(robot: str, seed: int) -> Case:
     settle = 2  # seconds
 
     def walk_alone(time: float) -> None:
-        """Nothing beside the robot allocates now."""
+        """Walk without peers or recording, so that nothing else allocates."""
         for _ in range(round(time)):
             advance(loop, 1.0)
             blocks.append(sys.getallocatedblocks())
@@ -157,7 +157,7 @@ def measure(robot: str, seed: int) -> Case:
 
 
 def _rows(timed: TimedWalk) -> NDArray[np.bool_]:
-    """The ticks that count for each subject, pre-empted or not (ticks, 5)."""
+    """Return the ticks that count for each subject, pre-empted or not (ticks, 5)."""
     rows = np.zeros(timed.watch.wall.shape, dtype=bool)
     n = timed.count
     alone, single = ~timed.beside[:n], timed.single[:n]
@@ -169,7 +169,7 @@ def _rows(timed: TimedWalk) -> NDArray[np.bool_]:
 
 
 def summarise(timed: TimedWalk) -> dict[str, float]:
-    """Figures of a recorded walk; ``ValueError`` when a kind of tick is missing."""
+    """Compute the figures of a recorded walk; ``ValueError`` when a kind of tick is missing."""
     rows, wall, preempted = _rows(timed), timed.watch.wall * MICRO, timed.watch.preempted
     figures: dict[str, float] = {}
     kept = rows & ~preempted
@@ -191,6 +191,6 @@ def summarise(timed: TimedWalk) -> dict[str, float]:
 
 
 class Gait(TimedBenchmark):
-    """See the module's text."""
+    """See the docstring of the module."""
 
     measure = staticmethod(measure)

@@ -1,10 +1,10 @@
-"""Sensor stamp to command received by the plant over real ROS 2, beside the ping-pong floor of the same run.
+"""Latency from sensor stamp to received command over ROS 2, compared with the ping-pong floor of the same run.
 
-Floor, graph, floor, in real time. The bridge records when it publishes the sensors of a tick and when their command
-arrives; the process of the laws when each stage ends (``latency_stages.py``). Missed are ticks without a command, and
-those that the bridge skipped because it was late; a command later than a tick takes effect one step later. Every
-graph must stand; only the idle one has bounds of time, relative to the floor. The verdict on the machine judges the
-times of the other scenarios.
+A case measures floor, graph and floor again, in real time. The bridge records when it publishes the sensors of a tick
+and when the command arrives; the control process records the end of each stage (``timed_control.py``). Missed ticks
+are ticks without a command and ticks that the bridge skipped because it was late; a command later than a tick takes
+effect one step later. Every graph must stand. Only the idle graph has time bounds, relative to the floor; the verdict
+on the machine judges the times of the other scenarios.
 """
 
 import math
@@ -40,32 +40,32 @@ STAGES = (
     "command_transport",
     "driver",
 )
-"""Stages of a tick, one after the other without a gap:
+"""Consecutive stages of a tick:
 
-sensors: reading, encoding and publishing them; sensor_transport: until the joints come out of the middleware in the
-process of the laws; estimator: until the state is handed over, the wait for samples that were overtaken included;
-planner: until the gait's reference is there (standing, the hand-over alone); qp: the rest of the law's tick; command:
-encoding and publishing it; command_transport: until it comes out of the middleware in the bridge; driver: until the
-drivers have taken it."""
+sensors: reading, encoding and publishing; sensor_transport: until the control process takes the joints from the
+middleware; estimator: until the state is passed on, including the wait for overtaken samples; planner: until the gait
+reference is available (standing: only the transfer); qp: the rest of the law's tick; command: encoding and publishing;
+command_transport: until the bridge takes the command from the middleware; driver: until the drivers accept it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """Ticks of a run that were recorded from end to end."""
+    """Ticks of a run with complete records."""
 
     total: Vector  #: From just before the sensors are published until the drivers have the command (n,) [us]
-    stages: Matrix  #: Parts of it by ``STAGES`` (n, 8) [us]
-    contacts: NDArray[np.uint8]  #: Feet in contact (n,), bits of ``bridge/driver/probes.py``
+    stages: Matrix  #: Durations of ``STAGES`` (n, 8) [us]
+    contacts: NDArray[np.uint8]  #: Feet in contact (n,), as bits of ``bridge/driver/probes.py``
 
 
 def answered(rows: Mapping[str, NDArray[Any]], skip: int) -> tuple[NDArray[np.int64], Vector, float]:
-    """Answered ticks (n,) after the first ``skip``, lateness of every tick (m,) [us], and the missed fraction."""
+    """Return answered ticks (n,) after the first ``skip``, lateness of all ticks (m,) [us], and missed fraction."""
     active = np.flatnonzero(rows["active"])[skip:]
-    active = active[:-1]  # the last tick's answer may have come after the end
+    active = active[:-1]  # the answer to the last tick may be after the end
     if len(active) == 0:
         return active, np.zeros(0), 1.0
     good = rows["received"][active] > 0
-    # Sensors may be published every so many ticks only; a whole period of theirs is one that is missed.
+    # Sensors may be published only every few ticks; a skipped period of the sensors is one missed tick.
     period = max(round(float(np.median(np.diff(active)))), 1) if len(active) > 1 else 1
     skipped = int(rows["skipped"][active[0] : active[-1] + 1].sum()) / period
     missed = (np.count_nonzero(~good) + skipped) / (len(active) + skipped)
@@ -73,7 +73,7 @@ def answered(rows: Mapping[str, NDArray[Any]], skip: int) -> tuple[NDArray[np.in
 
 
 def split(bridge: Mapping[str, NDArray[Any]], laws: Mapping[str, NDArray[Any]], skip: int, period_ns: int) -> Ticks:
-    """Join the rows of both processes by the sensors' stamp; overlaps of calls count to the publishing."""
+    """Join the rows of both processes by the stamp of the sensors; overlapping calls count as publishing."""
     ticks, _, _ = answered(bridge, skip)
     table = laws["stages"]
     whole = np.flatnonzero(table[:, STAMP : COMMANDED + 1].all(axis=1))
@@ -101,20 +101,20 @@ def split(bridge: Mapping[str, NDArray[Any]], laws: Mapping[str, NDArray[Any]], 
 
 
 def tails(spreads: Sequence[Spread], prefix: str) -> dict[str, float]:
-    """Median, 99th and 99.9th percentile and largest of some times, as figures ``<prefix>p50_us`` and so on [us]."""
+    """Return median, 99th and 99.9th percentile and maximum as figures ``<prefix>p50_us`` and so on [us]."""
     percents = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
     found = percentiles_of(spreads, list(percents.values()))
     return {f"{prefix}{label}_us": float(value) for label, value in zip(percents, found, strict=True)}
 
 
-TICK = 0.001  # of physics and drivers [s]
+TICK = 0.001  # period of physics and drivers [s]
 
-#: Contacts of the ticks that ``<scenario>_single_`` and ``_double_`` figures are of
+#: Contacts of the ticks in the figures ``<scenario>_single_`` and ``_double_``
 SUPPORTS = {"single": (LEFT, RIGHT), "double": (LEFT | RIGHT,)}
 
 
 def _measure(robot: str, seed: int, scenario: str) -> Case:
-    """One case; a graph that does not come up, or does not last, is a result with the reason in ``failure``."""
+    """Measure one case; if a graph does not start or ends early, the reason is in ``failure``."""
     config = latency_config()
     given = config.scenarios[scenario]
     period = 1.0 / (given.rate * given.speed)
@@ -141,20 +141,20 @@ def _measure(robot: str, seed: int, scenario: str) -> Case:
 
 
 def _latencies(probe: LatencyProbe, skip: int) -> tuple[Vector, float]:
-    """Latency of every answered tick [us], and the missed fraction."""
+    """Return the latency of every answered tick [us], and the missed fraction."""
     rows = probe.rows()
     ticks, _, missed = answered(rows, skip)
     return (rows["received"][ticks] - rows["published"][ticks]) * 1e-3, missed
 
 
 def _active_time(run: Run) -> float:
-    """Time from the first tick to the last at which the drivers executed commands [s]."""
+    """Return the time from the first to the last tick at which the drivers executed commands [s]."""
     times = run.bridge["published"][run.bridge["active"]]
     return float(np.ptp(times)) / NANOSECONDS if len(times) else 0.0
 
 
 def _case(run: Run, skip: int, tick: float) -> Case:
-    """Case of one graph; ``skip`` ticks at the beginning are left out, ``tick`` is the period of the sensors [s]."""
+    """Return the case of one graph, without the first ``skip`` ticks; ``tick`` is the period of the sensors [s]."""
     ticks, late, missed = answered(run.bridge, skip)
     latency = (run.bridge["received"][ticks] - run.bridge["published"][ticks]) * 1e-3
     samples = {"latency": latency, "late": late}
@@ -176,7 +176,7 @@ def _case(run: Run, skip: int, tick: float) -> Case:
 
 
 def summarise(cases: list[Case], tick: float) -> dict[str, float]:
-    """Figures of the cases of one scenario, one a seed; ``tick`` is the real-time period of the sensors [s]."""
+    """Compute the figures of a scenario, one case per seed; ``tick`` is the real-time period of the sensors [s]."""
     config = latency_config()
     stood = [case for case in cases if "failure" not in case]
     figures = {"stood_fraction": len(stood) / len(cases)}
@@ -203,17 +203,17 @@ def summarise(cases: list[Case], tick: float) -> dict[str, float]:
     return figures
 
 
-TIMES = ("p50_us", "p99_us")  # figures that are bounded by the floor of the same run
+TIMES = ("p50_us", "p99_us")  # figures with a bound relative to the floor of the same run
 
 
 def bounds_of_graph(figures: dict[str, float]) -> dict[str, Bound]:
-    """Bounds of one scenario's figures."""
+    """Return the bounds of one scenario's figures."""
     limits: dict[str, float] = {name: figures[f"{name[:3]}_bound_us"] for name in TIMES if name in figures}
     return at_least({"stood_fraction": 1.0}) | at_most({**limits, "missed_fraction": latency_config().missed_bound})
 
 
 def judge(figures: dict[str, float]) -> tuple[bool, list[str]]:
-    """Hold the figures of a scenario against the bounds; a line for each."""
+    """Compare the figures of a scenario with the bounds; returns the verdict and a line per bound."""
     held, lines = True, []
     for name, bound in bounds_of_graph(figures).items():
         if name in figures:
@@ -224,7 +224,7 @@ def judge(figures: dict[str, float]) -> tuple[bool, list[str]]:
 
 
 def verdict(held: dict[str, bool], machine: Machine) -> list[str]:
-    """Whether this machine keeps real time in each scenario, and what would help."""
+    """Return whether this machine keeps real time in each scenario, and advice."""
     good = [name for name, fine in held.items() if fine]
     bad = [name for name in held if name not in good]
     lines = [f"this machine keeps real time: {', '.join(good)}"] if good else []
@@ -241,13 +241,13 @@ def _prefix(scenario: str) -> str:
 
 
 def _of(report: Report, scenario: str) -> dict[str, float]:
-    """Figures of one scenario, by their names without it."""
+    """Return the figures of one scenario, without its prefix."""
     prefix = _prefix(scenario)
     return {name.removeprefix(prefix): value for name, value in report.figures.items() if name.startswith(prefix)}
 
 
 class Latency(Benchmark):
-    """See the module's text."""
+    """See the docstring of the module."""
 
     alone = True
     measure = staticmethod(_measure)
@@ -260,7 +260,7 @@ class Latency(Benchmark):
         ]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Those of each scenario, after its name unless that is 'idle', and the time of the stamps."""
+        """Return the figures of each scenario, prefixed with its name unless 'idle', and the time of the stamps."""
         figures: dict[str, float] = {}
         for name in _names(cases):
             scenario = latency_config().scenarios[name]

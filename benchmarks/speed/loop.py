@@ -1,8 +1,8 @@
-"""Speed of a whole closed loop on one core, as a multiple of real time, and its time by stage.
+"""Speed of a complete closed loop on one core, as a multiple of real time, and its time by stage.
 
-The robot stands, then walks, with sensor noise and delay, without a log. Second by second, in turn: the plain loop, an
-equal one with ticks split by stage (Python stays slower with objects that were patched), and the physics of that
-second alone: ratios are of the same run. Speed is judged by processor time, without the garbage collector.
+The robot stands, then walks, with sensor noise and delay, without a log. Each second runs three pieces in turn: the
+plain loop, an equal loop with ticks split by stage (Python remains slower after patching), and the physics alone.
+Ratios are of the same run. The speed is judged by processor time, without the garbage collector.
 """
 
 import os
@@ -31,18 +31,18 @@ from controllers.safety.supervisor import Supervisor
 from models.config import STRICT, Count, Positive
 from models.nodes.realtime import each_thread
 
-#: Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner, walking only; the whole-body
-#: controller with its QP; joint drivers; supervisor and fall monitor, every tenth tick; all else, such as delay line,
+#: Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner (walking only); whole-body
+#: controller with its QP; joint drivers; supervisor and fall monitor (every tenth tick); the rest, such as delay line,
 #: joint monitor and head
 STAGES = ("physics", "sensors", "estimator", "planner", "whole_body", "drivers", "supervise", "rest")
 PHYSICS, SENSORS, ESTIMATOR, PLANNER, WHOLE_BODY, DRIVERS, SUPERVISE, REST = range(len(STAGES))
 
-PIECE = 1.0  # simulated time of a piece [s]
+PIECE = 1.0  # simulated duration of a piece [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Wall time, processor time of all threads, and of this thread [ns]."""
+    """Wall time, processor time of all threads, and processor time of this thread [ns]."""
 
     wall: int
     process: int
@@ -50,7 +50,7 @@ class Span:
 
 
 def spanned(call: Callable[[], object]) -> Span:
-    """Run something and time it."""
+    """Time a call."""
     thread, process, wall = thread_time_ns(), process_time_ns(), perf_counter_ns()
     call()
     end = perf_counter_ns()
@@ -59,7 +59,7 @@ def spanned(call: Callable[[], object]) -> Span:
 
 @contextmanager
 def one_core() -> Iterator[None]:
-    """Keep every thread of this process to its last core: the kernel tends to give interrupts to the first."""
+    """Pin every thread of this process to its last core; interrupts tend to use the first core."""
     allowed = os.sched_getaffinity(0)
     before: dict[int, set[int]] = {}
     each_thread(lambda thread: before.update({thread: os.sched_getaffinity(thread)}))
@@ -71,20 +71,20 @@ def one_core() -> Iterator[None]:
 
 
 class SplitLoop:
-    """Times the ticks of a loop, split by stage; reading the clocks costs some microseconds a tick, in ``rest``."""
+    """Times the ticks of a loop by stage; the clock calls take some microseconds per tick, counted in ``rest``."""
 
     def __init__(self, loop: ClosedLoop, ticks: int) -> None:
         self._loop = loop
         self.watch = Stopwatch(ticks, 1)  #: Times of the whole ticks (ticks, 1)
-        #: Wall-clock time of each of ``STAGES``, which add up to the tick (ticks, 8) [ns]
+        #: Wall-clock time of ``STAGES``, which add up to the tick (ticks, 8) [ns]
         self.stages = np.zeros((ticks, len(STAGES)), dtype=np.int64)
-        self.count = 0  #: Ticks recorded
+        self.count = 0  #: Number of recorded ticks
         self._now = [0] * len(STAGES)
-        self._nested = 0  # time of the stages that ran within the present one [ns]
+        self._nested = 0  # time of the stages nested in the present one [ns]
 
     @contextmanager
     def recording(self) -> Iterator[None]:
-        """Split the ticks of ``step`` meanwhile."""
+        """Split the ticks of ``step`` within the context."""
         loop = self._loop
         parts: list[tuple[Any, str, int]] = [
             (loop.plant, "step", PHYSICS),
@@ -95,7 +95,7 @@ class SplitLoop:
             (loop.drivers, "command", DRIVERS),
             (loop.drivers, "step", DRIVERS),
             (loop.plant, "write", DRIVERS),
-            (PlantMonitor, "update", SUPERVISE),  # of the class: the loop keeps both to itself
+            (PlantMonitor, "update", SUPERVISE),  # patched in the class: the loop's instances are private
             (Supervisor, "update", SUPERVISE),
         ]
         with ExitStack() as stack:
@@ -129,18 +129,18 @@ class SplitLoop:
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Times of a scenario, each piece ``PIECE`` long."""
+    """Times of a scenario, in pieces of ``PIECE``."""
 
-    plain: list[Span]  #: The plain loop
-    split: list[Span]  #: With its ticks split by stage
-    bare: list[Span]  #: The physics alone
-    ticks: NDArray[np.floating[Any]]  #: Of the split ones (n,) [us]
+    plain: list[Span]  #: Plain loop
+    split: list[Span]  #: Loop with ticks split by stage
+    bare: list[Span]  #: Physics alone
+    ticks: NDArray[np.floating[Any]]  #: Times of the split ticks (n,) [us]
     kept: NDArray[np.bool_]  #: Ticks that the scheduler did not interrupt (n,)
-    stages: NDArray[np.floating[Any]]  #: Time of each of ``STAGES`` in them (n, 8) [us]
+    stages: NDArray[np.floating[Any]]  #: Time of ``STAGES`` in the split ticks (n, 8) [us]
 
 
 def time_pieces(plain: ClosedLoop, watched: ClosedLoop, pieces: int, piece: float = PIECE) -> Pieces:
-    """Time two equal loops, ``watched`` split by stage, ``pieces`` of each kind; ``PoiseError`` when a robot fell."""
+    """Time two equal loops, ``watched`` split by stage, ``pieces`` of each kind; ``PoiseError`` if a robot falls."""
     ticks = round(piece / watched.plant.period)
     split, bare = SplitLoop(watched, pieces * ticks), BarePhysics(watched.model, ticks)
     spans: tuple[list[Span], list[Span], list[Span]] = ([], [], [])
@@ -162,16 +162,16 @@ def time_pieces(plain: ClosedLoop, watched: ClosedLoop, pieces: int, piece: floa
     return Pieces(*spans, ticks=wall, kept=~split.watch.preempted[:, 0], stages=split.stages * MICRO)
 
 
-SCENARIOS = ("stand", "walk")  # what the robot does, in this order
+SCENARIOS = ("stand", "walk")  # tasks of the robot, in this order
 
 
 def stage_figure(stage: str, scenario: str) -> str:
-    """Name of the figure of a stage: mean over the ticks [us]."""
+    """Return the name of the figure of a stage, its mean over the ticks [us]."""
     return f"{stage}_{scenario}_us_mean"
 
 
 def draw_stages(axes: Axes, reports: Sequence[Report]) -> None:
-    """Draw the stages of a tick on top of each other, a bar a robot and scenario, with the physics alone as a line."""
+    """Draw the stages of a tick as stacked bars by robot and scenario, with the physics alone as a line."""
     bars = [(report, scenario) for report in reports for scenario in SCENARIOS]
     places = range(len(bars))
     bottoms = [0.0] * len(bars)
@@ -184,7 +184,7 @@ def draw_stages(axes: Axes, reports: Sequence[Report]) -> None:
         axes.plot([place - 0.4, place + 0.4], [bare, bare], "k--", linewidth=0.8)
     axes.set_xticks(places, [f"{report.robot}\n{scenario}" for report, scenario in bars], fontsize=8)
     axes.set_ylabel("mean of a tick [us]; dashed: MuJoCo alone")
-    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), reverse=True)  # from top to bottom, as drawn
+    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), reverse=True)  # from top to bottom, as bars
 
 
 NANO = 1e-9  # nanoseconds to seconds
@@ -192,7 +192,7 @@ NANO = 1e-9  # nanoseconds to seconds
 
 @schema(frozen=True, slots=True, config=STRICT)
 class LoopBenchConfig:
-    """What is run; the unit of every value stands in ``benchmarks/config/loop.yaml``."""
+    """Settings of the runs; the units are in ``benchmarks/config/loop.yaml``."""
 
     forward: float
     warm_up_stand: Positive
@@ -204,7 +204,7 @@ loop_config = partial(settings, LoopBenchConfig, "loop")
 
 
 def measure(robot: str, seed: int) -> Case:
-    """Time a robot that stands, then walks: ``figures``, and ``quantiles`` [us] of each scenario's ticks."""
+    """Time a robot that stands, then walks; returns ``figures``, and ``quantiles`` [us] of the ticks per scenario."""
     config = loop_config()
     plain, watched = (ClosedLoop(robot=robot, seed=seed, record=False) for _ in range(2))
     found: dict[str, Pieces] = {}
@@ -220,7 +220,7 @@ def measure(robot: str, seed: int) -> Case:
 
 
 def summarise(found: Mapping[str, Pieces], piece: float = PIECE) -> dict[str, float]:
-    """Figures of every scenario from pieces of ``piece`` [s]; ``ValueError`` when every tick of one was interrupted."""
+    """Compute the figures from pieces of ``piece`` [s]; ``ValueError`` if all ticks of a scenario were interrupted."""
     figures: dict[str, float] = {}
     for name, pieces in found.items():
         wall, cpu = (np.array([getattr(span, of) for span in pieces.plain]) for of in ("wall", "process"))
@@ -246,7 +246,7 @@ def summarise(found: Mapping[str, Pieces], piece: float = PIECE) -> dict[str, fl
 
 
 class Loop(TimedBenchmark):
-    """See the module's text."""
+    """See the docstring of the module."""
 
     measure = staticmethod(measure)
 

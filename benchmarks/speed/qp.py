@@ -1,8 +1,8 @@
-"""QPs of real ticks: poise's solver beside the back-ends of qpsolvers, time and residuals of every answer.
+"""QPs of real ticks: time and residuals of poise's solver and of the back-ends of qpsolvers.
 
-Every solver gets each problem in turn, in an order that changes, several times; the fastest time counts. Poise's solver
-starts from the active rows of the tick before, as in the tick; the others start cold, and their times include the
-Python of qpsolvers. Answers are certified alike (``certify``).
+Every solver solves each problem several times, in changing order; the shortest time counts. Poise's solver is warm
+started with the active rows of the previous tick, as in the controller. The others start cold, and their times include
+the Python code of qpsolvers. All answers are certified alike (``certify``).
 """
 
 import math
@@ -38,7 +38,7 @@ from models.types import Mode, Vector
 
 @schema(frozen=True, slots=True, config=STRICT)
 class QPConfig:
-    """The test; the unit of every value stands in ``benchmarks/config/qp.yaml``."""
+    """Settings of the test; the units are in ``benchmarks/config/qp.yaml``."""
 
     rows: Count
     ticks: Count
@@ -56,7 +56,7 @@ qp_config = partial(settings, QPConfig, "qp")
 
 @dataclass(frozen=True, slots=True)
 class RecordedQP:
-    """A problem of a tick in a scenario ('standing', 'single_support' or 'pushed'), and the tick's solution (nz,)."""
+    """QP of a tick in a scenario ('standing', 'single_support' or 'pushed'), and its solution in that tick (nz,)."""
 
     scenario: str
     qp: QP
@@ -64,7 +64,7 @@ class RecordedQP:
 
 
 def record(robot: str, seed: int, config: QPConfig) -> list[RecordedQP]:
-    """Record QPs of consecutive ticks: standing, pushed while it waves, in single support."""
+    """Record QPs of consecutive ticks: standing, pushed while waving, and in single support."""
     loop = ClosedLoop(robot=robot, seed=seed, record=False)
     balance = loop.controller
     if not isinstance(balance, BalanceController):
@@ -107,7 +107,7 @@ def _row(scenario: str, loop: ClosedLoop, whole_body: WholeBodyController, confi
 
 
 def copied(qp: QP) -> QP:
-    """A problem that the next tick does not overwrite."""
+    """Copy a problem, because the next tick overwrites it."""
     return QP(qp.hessian.copy(), qp.gradient.copy(), qp.matrix.copy(), qp.lower.copy(), qp.upper.copy(), qp.soft.copy())
 
 
@@ -121,7 +121,7 @@ def write(path: Path, problems: Sequence[RecordedQP]) -> None:
 
 
 def read(path: Path) -> list[RecordedQP]:
-    """Read what ``write`` wrote; ``ConfigError`` when it is no such archive."""
+    """Read an archive of ``write``; ``ConfigError`` for any other file."""
     try:
         with np.load(path) as data:
             return [
@@ -134,26 +134,26 @@ def read(path: Path) -> list[RecordedQP]:
         raise ConfigError(f"{path}: no archive of QPs: {error}") from error
 
 
-OWN = "poise"  # the tick's own solver
-BACKENDS = ("daqp", "quadprog", "proxqp", "piqp", "osqp", "clarabel")  # measured back-ends of qpsolvers
+OWN = "poise"  # the controller's solver
+BACKENDS = ("daqp", "quadprog", "proxqp", "piqp", "osqp", "clarabel")  # back-ends of qpsolvers
 
 Solve = Callable[[], Vector | None]
 
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Distance of an answer from the minimiser, relative to the size of what is compared."""
+    """Distance of an answer from the minimiser, relative to the compared values."""
 
-    primal: float  #: Largest violation of a row [-]
-    dual: float  #: Largest entry of the gradient of the Lagrangian, with the best multipliers of the right sign [-]
+    primal: float  #: Largest constraint violation [-]
+    dual: float  #: Largest entry of the gradient of the Lagrangian, with the best multipliers of the correct sign [-]
     gap: float  #: Duality gap with these multipliers [-]
 
 
 def certify(qp: QP, z: Vector | None, tolerances: Sequence[float]) -> Certificate:
-    """Certify an answer (nz,) of any solver: multipliers of its active rows come from least squares.
+    """Certify an answer (nz,) of any solver, with least-squares multipliers of its active rows.
 
-    A row within a tolerance of its bound, relative to its size, is active [-]; the best tolerance counts, since
-    interior-point methods end a little before their rows.
+    A row is active if its relative distance to its bound is within a tolerance [-]. The best tolerance counts, because
+    interior-point methods stop at a small distance from the bounds.
     """
     if z is None or not np.isfinite(z).all():
         return Certificate(math.inf, math.inf, math.inf)
@@ -161,7 +161,7 @@ def certify(qp: QP, z: Vector | None, tolerances: Sequence[float]) -> Certificat
 
 
 def _proof(qp: QP, z: Vector, tolerance: float) -> Certificate:
-    """The certificate with one idea of which rows are active."""
+    """Compute the certificate for one tolerance of the active rows."""
     rows = qp.matrix
     values = rows @ z
     size = 1.0 + np.abs(values)
@@ -180,7 +180,7 @@ def _proof(qp: QP, z: Vector, tolerance: float) -> Certificate:
         pull, complementary = np.zeros_like(z), 0.0
     residual = gradient + pull
     objective = 0.5 * float(z @ qp.hessian @ z) + float(qp.gradient @ z)
-    # Primal minus dual objective of these multipliers: what complementarity and stationarity leave.
+    # Primal minus dual objective for these multipliers: residuals of complementarity and stationarity.
     gap = abs(float(residual @ z)) + abs(complementary)
     return Certificate(
         primal=float(max(below.max(), above.max(), 0.0)),
@@ -190,7 +190,7 @@ def _proof(qp: QP, z: Vector, tolerance: float) -> Certificate:
 
 
 def own_solver() -> QPSolver:
-    """The tick's solver, as configured."""
+    """Return the controller's solver with its configuration."""
     config = _solver_config()
     return QPSolver(config.residual_max, config.iterations_max, config.soft_rho)
 
@@ -201,13 +201,13 @@ def _solver_config() -> SolverConfig:
 
 
 def available() -> tuple[list[str], list[str]]:
-    """Back-ends of qpsolvers that are installed, and those of ``BACKENDS`` that are missing."""
+    """Return the installed and the missing back-ends of ``BACKENDS``."""
     installed = backends()
     return [name for name in BACKENDS if name in installed], [name for name in BACKENDS if name not in installed]
 
 
 def through_qpsolvers(qp: QP, backend: str) -> Solve:
-    """A problem as ``solver.backend`` gives it to qpsolvers; the call that solves it excludes the conversion."""
+    """Convert a problem like ``solver.backend``; the returned call solves it and excludes the conversion."""
     import qpsolvers
 
     problem, _, _ = to_qpsolvers(qp, backend)
@@ -221,7 +221,7 @@ def through_qpsolvers(qp: QP, backend: str) -> Solve:
 
 
 def timed(solve: Solve) -> tuple[Vector | None, float]:
-    """Solve once; returns the answer and the time it took [us]. A back-end that raises has no answer."""
+    """Solve once; returns the answer and the time [us]. The answer is None if the back-end raises."""
     start = perf_counter_ns()
     try:
         z = solve()
@@ -274,7 +274,7 @@ def _solve(name: str, problem: RecordedQP, own: QPSolver) -> Solve:
 
 
 def summarise(cases: list[Case], names: list[str]) -> dict[str, float]:
-    """Figures by solver: ``<solver>[_<scenario>]_us_p50`` ..., ``_solved``, ``_ratio``, residuals."""
+    """Compute figures by solver: ``<solver>[_<scenario>]_us_p50`` ..., ``_solved``, ``_ratio``, residuals."""
     limit = qp_config().residual_max
     figures: dict[str, float] = {}
     for name in names:
@@ -292,7 +292,7 @@ def summarise(cases: list[Case], names: list[str]) -> dict[str, float]:
 
 
 class QPBenchmark(Benchmark):
-    """See the module's text. A report holds one case a solver, scenario and seed."""
+    """See the docstring of the module. A report has one case per solver, scenario and seed."""
 
     alone = True
 
@@ -309,7 +309,7 @@ class QPBenchmark(Benchmark):
         runs = run_cases(measure, self.cases(options), bench=self.name, options=options, alone=self.alone)
         cases: list[Case] = [case for run in runs for case in run["answers"]]
         report = self.report(options, cases, self.figures(cases), load)
-        if file.is_file():  # not where every case was there already
+        if file.is_file():  # missing if every case was in the results file
             report.notes.append(f"problems: {file}")
         if missing := available()[1]:
             report.notes.append(f"left out, not installed: {', '.join(missing)} (the extra 'bench' has them)")
@@ -322,7 +322,7 @@ class QPBenchmark(Benchmark):
             of = [case for case in report.cases if case["solver"] == name]
             times = np.concatenate([np.asarray(case["times"]) for case in of])
             residual = np.concatenate([np.maximum(case["primal"], case["dual"]) for case in of])
-            # 1e-16: exact answers. What has no answer is infinite, or not a number from a report, and is not drawn.
+            # 1e-16: exact answers. Missing answers are infinite, or NaN in a saved report, and are not drawn.
             axes.loglog(times, np.maximum(residual, 1e-16), ".", markersize=3, label=name)
         axes.axhline(qp_config().residual_max, color="0.5", linewidth=0.8, linestyle="--")
         axes.set(xlabel="time [us]", ylabel="larger of primal and dual residual")

@@ -1,6 +1,6 @@
-"""Speed-up by more workers: walks of the terrain benchmark over one worker and over several, and their cost.
+"""Speed-up with more workers: walks of the terrain benchmark with one worker and with several, and their cost.
 
-It passes when all cases return bitwise equal over any number of workers; there is no bound on the time.
+The benchmark passes if all cases are bitwise equal for any number of workers; the time has no bound.
 """
 
 import time
@@ -27,7 +27,7 @@ HOUR = 3600.0  # [s]
 
 @schema(frozen=True, slots=True, config=STRICT)
 class ScalingConfig:
-    """The sweep; the unit of every value stands in ``benchmarks/config/scaling.yaml``."""
+    """Settings of the sweep; the units are in ``benchmarks/config/scaling.yaml``."""
 
     workers: Annotated[tuple[Count, ...], Field(min_length=1)]
     cases: Count
@@ -40,20 +40,20 @@ _config = partial(settings, ScalingConfig, "scaling")
 
 
 def warm_up(robot: str, seed: int) -> Case:
-    """Let a worker load what a case needs."""
+    """Make a worker load the code and data of a case."""
     ClosedLoop(robot, seed=seed).run(_config().warm_up)
     return {}
 
 
 def measure(robot: str, seed: int, scenario: str) -> Case:
-    """One walk of the terrain benchmark, and ``seconds`` that it took here [s]."""
+    """Run one walk of the terrain benchmark; ``seconds`` is its duration in this process [s]."""
     began = time.monotonic()
     outcome = walk(robot, seed, scenario)
     return {"outcome": outcome, "seconds": time.monotonic() - began}
 
 
 def _round(options: Options, inputs: list[Case], workers: int) -> list[Case]:
-    """Every case over so many workers, with the ``wall`` time of all of them [s]."""
+    """Run all cases with a number of workers; ``wall`` is their total time [s]."""
     with ProcessPool(workers) as executor:
         given = replace(options, sweep=Sweep(executor))
         first = [{"robot": options.robot, "seed": seed} for seed in range(workers)]
@@ -65,7 +65,7 @@ def _round(options: Options, inputs: list[Case], workers: int) -> list[Case]:
 
 
 def summarise(results: list[Case], planned: int) -> dict[str, float]:
-    """Figures of all rounds; speed-up and efficiency are over the round with the fewest workers."""
+    """Compute the figures of all rounds; speed-up and efficiency are relative to the round with fewest workers."""
     counts = sorted({case["workers"] for case in results})
     rounds = {count: [case for case in results if case["workers"] == count] for count in counts}
     base, fewest = rounds[counts[0]], counts[0]
@@ -88,18 +88,18 @@ def summarise(results: list[Case], planned: int) -> dict[str, float]:
 
 
 def same(results: list[Case]) -> bool:
-    """Whether every case came out the same over any number of workers."""
+    """Whether every case has the same outcome with any number of workers."""
     outcomes: dict[int, list[Any]] = {}
     for case in results:
-        outcomes.setdefault(case["seed"], []).append(encode_nonfinite(case["outcome"]))  # NaN is not the same as itself
+        outcomes.setdefault(case["seed"], []).append(encode_nonfinite(case["outcome"]))  # encoded because NaN != NaN
     return all(outcome == found[0] for found in outcomes.values() for outcome in found)
 
 
 class Scaling(Benchmark):
-    """See the module's text; workers and sweep of the options do not count."""
+    """See the docstring of the module; the options' workers and sweep are not used."""
 
     def cases(self, options: Options) -> list[Case]:
-        """Each seed adds as many walks as are configured."""
+        """Return as many walks per seed as are configured."""
         config = _config()
         count = config.cases * options.seeds
         return [{"robot": options.robot, "seed": seed, "scenario": config.scenario} for seed in range(count)]

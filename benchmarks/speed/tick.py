@@ -1,9 +1,9 @@
-"""Time of the whole-body tick in the closed loop, beside placo's dynamics solver and bare Pinocchio calls.
+"""Timing of the whole-body tick in the closed loop, compared with placo's dynamics solver and bare Pinocchio calls.
 
-The robot waves and is pushed from all sides, so that active rows change. The state of each tick also goes to the peers,
-in changing order, so that caches and the machine's speed are the same for all. Pre-empted samples are left out, and the
-garbage collector is off. A separate run has the inverse kinematics of pink and mink beside the tick, so that they do
-not cool its caches; another times the whole ``ControlStack``.
+The robot waves and is pushed from all sides, so that the active set changes. The peers run at the same state on each
+tick, in changing order, so that caches and machine speed are equal for all. Pre-empted samples are excluded, and the
+garbage collector is off. A separate run times the inverse kinematics of pink and mink, which would otherwise evict the
+caches; another run times the complete ``ControlStack``.
 """
 
 import sys
@@ -44,7 +44,7 @@ from models.config import STRICT, Positive
 from models.robot_model import RobotModel
 from models.types import ControlResult, RobotState
 
-#: Timed on every tick: ours, placo's, the Pinocchio calls that ours makes, and those that give all of its terms
+#: Timed on every tick: our tick, placo's, the Pinocchio calls in our tick, and Pinocchio calls for all its terms
 SUBJECTS = ("tick", "placo", "own_calls", "pinocchio_calls")
 
 
@@ -53,7 +53,7 @@ STAGES = ("terms", "references", "build", "solve", "recover", "rest")
 
 
 class StageProbe:
-    """Records when each stage of a tick begins and ends, while ``attached``."""
+    """Records begin and end of each stage of a tick while ``attached``."""
 
     def __init__(self, whole_body: WholeBodyController) -> None:
         self._stamps = np.zeros(2 * 4, dtype=np.int64)
@@ -64,7 +64,7 @@ class StageProbe:
 
     @contextmanager
     def attached(self) -> Iterator[None]:
-        """Time the stages inside the context, by wrapping their methods."""
+        """Time the stages within the context by wrapping their methods."""
         with ExitStack() as stack:
             for index, (owner, name) in enumerate(self._stages):
                 stack.enter_context(patch.object(owner, name, self._timed(getattr(owner, name), 2 * index)))
@@ -82,7 +82,7 @@ class StageProbe:
         return timed
 
     def durations(self, total: int) -> NDArray[np.int64]:
-        """Time of each of ``STAGES`` on the last tick, which took ``total`` [ns]."""
+        """Return the times of ``STAGES`` in the last tick, whose duration is ``total`` [ns]."""
         stamps = self._stamps
         terms, build, solve, recover = (int(stamps[2 * i + 1] - stamps[2 * i]) for i in range(4))
         references = int(stamps[2] - stamps[1])
@@ -92,9 +92,9 @@ class StageProbe:
 
 
 class TimedController:
-    """Times each tick of a law but its first, and the peers at the same state before or after it.
+    """Times each tick of a law, and the peers at the same state before or after it.
 
-    Every ``stage_period`` ticks one is split by stage. A row within ``active_tolerance`` of its bound is active [-].
+    One tick per ``stage_period`` is split by stage. A row within ``active_tolerance`` of its bound is active [-].
     """
 
     def __init__(
@@ -121,32 +121,32 @@ class TimedController:
             lambda: self._pinocchio.step(self._terms.q, self._terms.v),
             *(peer.step for peer in self._kinematic),
         )
-        self.subjects = (*SUBJECTS, *(kinematic or {}))  #: With the names of ``kinematic``
-        #: Orders that the ticks go through in turn: what ran before decides what is in the caches
+        self.subjects = (*SUBJECTS, *(kinematic or {}))  #: ``SUBJECTS`` and the names of ``kinematic``
+        #: Orders of the calls, one per tick in turn, because earlier calls affect the caches
         self._orders = tuple(permutations(range(len(self.subjects))))
-        self.count = self.placo_failed = 0  #: Ticks recorded, and those on which placo found no solution
+        self.count = self.placo_failed = 0  #: Number of recorded ticks, and of ticks without a solution of placo
         self._watch = watch = Stopwatch(ticks, len(self.subjects))
-        #: Of ``Stopwatch`` (ticks, subjects)
+        #: Records of ``Stopwatch`` (ticks, subjects)
         self.wall, self.cpu, self.preempted = watch.wall, watch.cpu, watch.preempted
-        #: Time of each of ``STAGES`` (ticks, 6) [ns]; zero on ticks that were not split
+        #: Times of ``STAGES`` (ticks, 6) [ns]; zero on ticks that were not split
         self.stages = np.zeros((ticks, len(STAGES)), dtype=np.int64)
-        self.residual = np.zeros(ticks)  #: KKT residual (ticks,) [-]
+        self.residual = np.zeros(ticks)  #: KKT residual of the QP (ticks,) [-]
         self.status = np.zeros(ticks, dtype=np.int64)  #: Index into ``STATUSES`` (ticks,)
         self.active = np.zeros(ticks, dtype=np.int64)  #: Active rows (ticks,)
-        #: Whether the set of active rows differs from that of the tick before (ticks,)
+        #: Whether the active set differs from the previous tick (ticks,)
         self.changed = np.zeros(ticks, dtype=bool)
         self._set = b""
 
     @contextmanager
     def recording(self) -> Iterator[None]:
-        """Time the ticks inside the context."""
+        """Time the ticks within the context."""
         with patch.object(self.controller, "step", self.step):
             yield
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
-        """One tick of the controller, beside its peers."""
+        """Run one tick of the controller and its peers."""
         self._state, self._dt, row = state, dt, self.count
-        # placo gets the references of the tick before: it may run first.
+        # placo uses the references of the previous tick because it may run first.
         self._placo.prepare(state, self.controller)
         self._terms.q[:], self._terms.v[:] = state.q, state.v
         for peer in self._kinematic:
@@ -180,11 +180,11 @@ class TimedController:
         self._set = bits
 
 
-MODES = ("stand", "walk")  # of ``time_stack``, in this order
+MODES = ("stand", "walk")  # tasks in ``time_stack``, in this order
 
 
 def time_stack(model: RobotModel, seed: int, *, warm_up: float, duration: float, speed: float) -> dict[str, float]:
-    """Time the stack of a robot that stands, then walks at ``speed`` [m/s], ``duration`` [s] each, without peers."""
+    """Time the control stack while standing, then walking at ``speed`` [m/s], for ``duration`` [s] each."""
     loop = ClosedLoop(robot=model, seed=seed, record=False)
     figures: dict[str, float] = {}
     for mode in MODES:
@@ -200,7 +200,7 @@ def time_stack(model: RobotModel, seed: int, *, warm_up: float, duration: float,
 
 @schema(frozen=True, slots=True, config=STRICT)
 class TickConfig:
-    """The tick test; the unit of every value stands in ``benchmarks/config/tick.yaml``."""
+    """Settings of the tick test; the units are in ``benchmarks/config/tick.yaml``."""
 
     duration: Positive
     kinematics_duration: Positive
@@ -218,10 +218,10 @@ tick_config = partial(settings, TickConfig, "tick")
 def _timed_loop(
     model: RobotModel, seed: int, duration: float, peers: Mapping[str, KinematicPeer] | None = None
 ) -> tuple[TimedController, ClosedLoop]:
-    """A robot that waves, warmed up beside its peers, to be timed for ``duration`` [s]; it takes no steps."""
+    """Prepare a waving robot, warmed up with its peers, for timing over ``duration`` [s]; it takes no steps."""
     config, warm_up, law = tick_config(), exercise_config().warm_up, BalanceController(model)
     loop = ClosedLoop(robot=model, seed=seed, record=False, controller=law)
-    law.gait = None  # the plan of steps has its own benchmark
+    law.gait = None  # the gait planner has a separate benchmark
     timed = TimedController(
         law,
         ticks=round((warm_up + duration) / loop.plant.period) + 1,
@@ -237,7 +237,7 @@ def _timed_loop(
 
 
 def measure(robot: str, seed: int) -> Case:
-    """Time the ticks of one run: ``figures``, and ``quantiles`` [us] of every subject at ``QUANTILES``."""
+    """Time the ticks of one run; returns ``figures``, and ``quantiles`` [us] of every subject at ``QUANTILES``."""
     config, model = tick_config(), RobotModel.load(robot)
     timed, loop = _timed_loop(model, seed, config.duration)
     blocks = []
@@ -257,7 +257,7 @@ def measure(robot: str, seed: int) -> Case:
 
 
 def beside_kinematics(model: RobotModel, seed: int, config: TickConfig) -> dict[str, float]:
-    """Time pink and mink where installed: ``<name>_us_p50`` and ``_p99`` [us], and ``ratio_to_<name>`` of the tick."""
+    """Time pink and mink if installed: ``<name>_us_p50`` and ``_p99`` [us], and ``ratio_to_<name>`` of the tick."""
     peers = installed_peers(model)
     if not peers:
         return {}
@@ -276,7 +276,7 @@ def beside_kinematics(model: RobotModel, seed: int, config: TickConfig) -> dict[
 
 
 def summarise(timed: TimedController) -> dict[str, float]:
-    """Figures of the recorded ticks, with the unit in the name."""
+    """Compute the figures of the recorded ticks, with the unit in the name."""
     n = timed.count
     wall, cpu = timed.wall[:n] * MICRO, timed.cpu[:n] * MICRO
     staged = timed.stages[:n].any(axis=1)
