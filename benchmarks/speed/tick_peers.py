@@ -1,12 +1,12 @@
-"""What the tick is measured against: placo's dynamics solver on the same task, and bare Pinocchio calls.
+"""Peers of the whole-body tick: placo's dynamics solver on the same task, and bare Pinocchio calls.
 
-What placo's problem shares with ours: model with rotor inertia, state, references, desired accelerations, task weights
-(CoM, base and torso orientation, swing foot, upper-body and leg posture), soles held by the same feedback as hard
-constraints, contact rectangles, friction pyramid, limits on torque, joint position and joint velocity. What differs,
-each time in placo's favour where it costs time: its CoM task has one weight for all axes, and so has each half of its
-task of the swing foot; it has no angular momentum task; it has no yaw-moment rows (9 rows a foot, ours 17) and no
-upper bound on the normal force; it draws wrenches to zero, ours to the planned share of the weight; it reports no KKT
-residual, ours is checked on every tick. Copying state and references into placo is not timed.
+Shared by both problems: model with rotor inertia, state, references, desired accelerations, task weights (CoM, base and
+torso orientation, swing foot, upper-body and leg posture), soles as hard constraints with the same feedback, contact
+rectangles, friction pyramid, limits on torque, joint position and joint velocity. The differences that cost time are in
+placo's favour. Its CoM task has one weight for all axes, and so has each half of its swing-foot task. It has no angular
+momentum task, no yaw-moment rows (9 rows per foot, ours 17) and no upper bound on the normal force. Its wrenches are
+regularised to zero, ours to the planned share of the weight. It reports no KKT residual, ours is checked on every tick.
+Copying state and references into placo is not timed.
 """
 
 from abc import ABC, abstractmethod
@@ -26,12 +26,12 @@ from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import RobotState, Vector
 from planners.whole_body_ik import bare_robot
 
-#: Frames in placo's model at the middle of each contact rectangle: placo's contacts are centred on their frame
+#: Frames in placo's model at the centre of each contact rectangle, because placo centres contacts on their frame
 CONTACT_FRAMES = ("tick/left", "tick/right")
 
 
 class PlacoTick:
-    """placo's ``DynamicsSolver`` on the task of the whole-body controller, with both feet on the floor or one."""
+    """placo's ``DynamicsSolver`` on the task of the whole-body controller, with one or both feet on the floor."""
 
     def __init__(self, model: RobotModel, config: WholeBodyConfig) -> None:
         self._model = model
@@ -89,7 +89,7 @@ class PlacoTick:
         return task
 
     def _bear(self, foot: int, bears: bool) -> None:
-        """Whether a foot stands, held where it is, or swings, drawn along its reference."""
+        """Set a foot to stance (held in place) or swing (tracks its reference)."""
         standing, swinging = self._gains
         sole, self._contacts[foot].active = self._soles[foot], bears
         if bears:
@@ -100,7 +100,7 @@ class PlacoTick:
             part.kp, part.kd = (standing.stiffness, standing.damping) if bears else (swinging.kp, swinging.kd)
 
     def prepare(self, state: RobotState, controller: BalanceController) -> None:
-        """Copy the state and what the controller tracked last into placo; not part of its tick."""
+        """Copy the state and the latest references of the controller into placo; not timed."""
         reference = controller.reference
         self._robot.state.q, self._robot.state.qd = state.q, state.v
         desired = controller.whole_body.com_task.override
@@ -128,7 +128,7 @@ class PlacoTick:
             turn.omega_world, turn.domega_world = velocity[3:], acceleration[3:]
 
     def step(self) -> None:
-        """One whole tick of placo: model terms, problem, solution, torques."""
+        """Run one complete tick of placo: model terms, problem, solution, torques."""
         self._robot.update_kinematics()
         result = self._solver.solve()
         self.success = result.success
@@ -137,7 +137,7 @@ class PlacoTick:
 
 
 class PinocchioCalls:
-    """The Pinocchio calls from Python for all terms of the problem; our tick needs fewer, and compiled kernels."""
+    """Pinocchio calls from Python for all terms of the problem; our tick needs fewer calls, and compiled kernels."""
 
     def __init__(self, model: RobotModel) -> None:
         self._pin, self._data = model.pin, model.data()
@@ -162,7 +162,7 @@ class PinocchioCalls:
 
 
 def _centre(rectangle: tuple[float, float, float, float]) -> Vector:
-    """Middle of a contact rectangle in the sole frame (3,) [m]."""
+    """Return the centre of a contact rectangle in the sole frame (3,) [m]."""
     x_min, x_max, y_min, y_max = rectangle
     return np.array([0.5 * (x_min + x_max), 0.5 * (y_min + y_max), 0.0])
 
@@ -175,14 +175,14 @@ def _placo_robot(model: RobotModel) -> placo.RobotWrapper:
     return bare_robot(model, frames)
 
 
-#: Weights of the tasks, the same in both; they decide nothing about the time [-]
+#: Task weights, equal in both; they do not affect the time [-]
 COSTS = {"sole": 10.0, "com": 5.0, "torso": 1.0, "posture": 1e-2}
-SOLVER = "daqp"  # back-end of both: the fastest dense one of this size
-PERIOD = 0.001  # over which velocities are integrated [s]
+SOLVER = "daqp"  # back-end of both: the fastest dense solver for this size
+PERIOD = 0.001  # integration time of velocities [s]
 
 
 class KinematicPeer(ABC):
-    """Inverse kinematics of one tick on soles, CoM, torso and posture; ``velocity`` is the last answer (nv,)."""
+    """One tick of inverse kinematics on soles, CoM, torso and posture; ``velocity`` is the latest solution (nv,)."""
 
     velocity: Vector
     _configuration: Any
@@ -195,16 +195,16 @@ class KinematicPeer(ABC):
 
     @abstractmethod
     def prepare(self, state: RobotState) -> None:
-        """Copy the state; not part of its tick."""
+        """Copy the state; not timed."""
 
     def step(self) -> None:
-        """One whole tick: kinematics, problem, solution."""
+        """Run one complete tick: kinematics, problem, solution."""
         self._configuration.update(self._q)
         self.velocity = self._solve(self._tasks)
 
 
 def installed_peers(model: RobotModel) -> dict[str, KinematicPeer]:
-    """Those that can be imported here, by name."""
+    """Return the peers that can be imported, by name."""
     kinds: dict[str, type[PinkTick] | type[MinkTick]] = {"pink": PinkTick, "mink": MinkTick}
     ready = find_spec("qpsolvers") is not None
     return {name: kind(model) for name, kind in kinds.items() if ready and find_spec(name) is not None}

@@ -1,1 +1,1 @@
-"""What the robot survives and how well it stands, walks and estimates."""
+"""Survival of disturbances, and quality of standing, walking and estimation."""

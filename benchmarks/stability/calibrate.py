@@ -1,4 +1,4 @@
-"""Injected sensor errors: how much of them the calibrations leave, and how the robot stands with and without."""
+"""Injected sensor errors: residual errors after calibration, and quality of standing with and without calibration."""
 
 import math
 from functools import cache, partial
@@ -23,7 +23,7 @@ from models.types import Mode, Vector
 
 @schema(frozen=True, slots=True, config=STRICT)
 class CalibrateConfig:
-    """What is injected and what may be left; the unit of every value stands in ``benchmarks/config/calibrate.yaml``."""
+    """Injected errors and bounds; the units are in ``benchmarks/config/calibrate.yaml``."""
 
     gyro_bias: Positive
     encoder_offset: Positive
@@ -40,12 +40,12 @@ class CalibrateConfig:
     velocity_error_slack: Positive
 
 
-#: How well a robot stands: largest distance of the CoM from where it was [m], RMS of its horizontal speed [m/s], mean
-#: joint speed [rad/s], RMS errors of estimated tilt [rad] and base velocity [m/s]
+#: Quality of standing: largest displacement of the CoM [m], RMS of its horizontal speed [m/s], mean joint speed
+#: [rad/s], RMS errors of estimated tilt [rad] and base velocity [m/s]
 QUANTITIES = ("com_drift", "com_speed", "joint_speed", "tilt_error", "velocity_error")
 UNITS = {"com_drift": "m", "com_speed": "m_s", "joint_speed": "rad_s", "tilt_error": "rad", "velocity_error": "m_s"}
 
-WAYS = ("jig", "floor")  # encoders are calibrated in a jig, all of them, or by the closed chain through both soles
+WAYS = ("jig", "floor")  # calibration of the encoders: all in a jig, or with the closed chain through both soles
 
 _config = partial(settings, CalibrateConfig, "calibrate")
 
@@ -65,13 +65,13 @@ def _errors(robot: RobotModel, way: str, seed: int) -> SensorErrors:
 
 
 def _tilt_error(estimated: Vector, true: Vector) -> float:
-    """Angle between the verticals that two base orientations (4,), xyzw, see [rad]."""
+    """Return the angle between the verticals of two base orientations (4,), xyzw [rad]."""
     ups = [pin.Quaternion(q).toRotationMatrix()[2] for q in (estimated, true)]
     return float(np.linalg.norm(np.cross(*ups)))
 
 
 def _stand(robot: RobotModel, seed: int, errors: SensorErrors | None, calibration: Calibration | None) -> Case:
-    """How a robot stands; NaN throughout when it cannot."""
+    """Return the ``QUANTITIES`` of a standing robot; all NaN if it does not stand."""
     config = _config()
     nothing = dict.fromkeys(QUANTITIES, math.nan)
     try:
@@ -102,7 +102,7 @@ def _stand(robot: RobotModel, seed: int, errors: SensorErrors | None, calibratio
 
 
 def _left(loop: ClosedLoop, way: str) -> Case:
-    """What the loop's calibration leaves of the errors, as shares of what was injected."""
+    """Return the residual errors of the loop's calibration, as shares of the injected errors."""
     config, robot, found, bias = _config(), loop.robot, loop.calibration, loop.plant.noise.bias
     if found is None:
         return dict.fromkeys(("gyro_left", "encoder_left", "force_left"), math.nan)
@@ -116,7 +116,7 @@ def _left(loop: ClosedLoop, way: str) -> Case:
 
 
 def calibrate(robot: str, way: str, seed: int) -> Case:
-    """Inject errors, calibrate by one of ``WAYS``, and let the robot stand without, with and with calibrated errors."""
+    """Inject errors, calibrate by one of ``WAYS``, and stand without errors, uncalibrated and calibrated."""
     config, model = _config(), _robot(robot)
     errors = _errors(model, way, seed)
     loop = ClosedLoop(model, seed=seed, sensor_errors=errors, start="hang", record=False)
@@ -153,7 +153,7 @@ class Calibrate(Benchmark):
         return [{"robot": options.robot, "way": way, "seed": seed} for way in WAYS for seed in options.each_seed()]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Largest share left of each error, worst of each quantity, and falls of uncalibrated robots."""
+        """Return the largest residual share of each error, worst of each quantity, and falls of uncalibrated robots."""
         figures: dict[str, float] = {}
         for way in WAYS:
             mine = [case for case in cases if case["way"] == way]

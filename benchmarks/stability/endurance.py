@@ -20,14 +20,14 @@ from models.config import STRICT, Positive, Proportion
 from models.errors import CommandError
 from models.types import Mode, Vector
 
-Kind = Literal["velocity", "word", "push", "nonsense"]  # what may be done to the robot
+Kind = Literal["velocity", "word", "push", "nonsense"]  # kinds of inputs to the robot
 
 LONG_TEXT = "x" * 1_000_000
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class EnduranceConfig:
-    """The hour; the unit of every value stands in ``benchmarks/config/endurance.yaml``."""
+    """Settings of the hour; the units are in ``benchmarks/config/endurance.yaml``."""
 
     duration: Positive
     pause: tuple[Positive, Positive]
@@ -62,7 +62,7 @@ class _Crowd:
         self.last = ""
 
     def pause(self) -> float:
-        """Until the next one does something [s]."""
+        """Return the time until the next act [s]."""
         return float(self._rng.uniform(*_config().pause))
 
     def act(self) -> None:
@@ -103,13 +103,13 @@ class _Hour:
     def __init__(self, robot: str, seed: int) -> None:
         self._loop, self._seed = ClosedLoop(robot, seed=seed, record=False), seed
         self._crowd, self._steps = _Crowd(self._loop, seed), TorqueSteps(self._loop)
-        self._memory: list[tuple[float, float, int]] = []  # time [s], resident [MiB], blocks of Python
+        self._memory: list[tuple[float, float, int]] = []  # time [s], resident memory [MiB], allocated Python blocks
         self._modes: Counter[str] = Counter()
         self._ends: list[str] = []
         self._distance = 0.0
 
     def run(self) -> Case:
-        """All of it."""
+        """Run the whole hour."""
         given, loop = _config(), self._loop
         ticks, period = round(given.duration / loop.plant.period), loop.plant.period
         act_at = look_at = 0
@@ -139,7 +139,7 @@ class _Hour:
         self._steps.forget()
 
     def _look(self, t: float) -> None:
-        self._loop.events.clear()  # not evaluated here
+        self._loop.events.clear()  # not used here
         self._memory.append((t, resident("self"), sys.getallocatedblocks()))
 
     def _outcome(self, ticks: int, speed: float) -> Case:
@@ -160,12 +160,12 @@ class _Hour:
 
 
 def hour(robot: str, seed: int) -> Case:
-    """Run one robot through the hour; ``ends`` has one sentence for each fall or latched fault."""
+    """Run one robot for the hour; ``ends`` has one sentence per fall or latched fault."""
     return _Hour(robot, seed).run()
 
 
 class Endurance(Benchmark):
-    """An hour for every seed."""
+    """One hour for every seed."""
 
     measure = staticmethod(hour)
 

@@ -1,10 +1,10 @@
 """Error of the state estimator in five scenarios, consistency of its covariance, and time of its step.
 
-The normalised estimation error squared (NEES) of n components, e' P^-1 e, is n on average when the covariance P is
-consistent. Errors of one run are correlated in time (an encoder's offset stays), so it is averaged over independent
-runs: at one instant, N times that mean has chi^2 with N n degrees of freedom. The mean over the instants is held
-against the same interval: it scatters as much where errors last as long as the run (tilt) and less where they do not
-(velocity). Outside it, on either side, the bench fails.
+The normalised estimation error squared (NEES) of n components, e' P^-1 e, has mean n when the covariance P is
+consistent. Errors of one run are correlated in time (an encoder offset persists), so the NEES is averaged over
+independent runs: at one instant, N times this mean has a chi^2 distribution with N n degrees of freedom. The mean over
+the instants is compared with the same interval. Its variance is equal for errors that last for the whole run (tilt) and
+smaller otherwise (velocity). The benchmark fails outside of the interval, on either side.
 
 References:
     Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with applications to tracking and navigation", 2001, 5.4.
@@ -30,7 +30,7 @@ from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Count, Fraction, Positive
 from models.types import Mode
 
-#: What a contact-aided estimator can observe, as rows of the error of pose and twist: the rest is yaw and position
+#: Observable errors of a contact-aided estimator, as rows of the error of pose and twist; without yaw and position
 PARTS = {
     "velocity": np.array([6, 7, 8]),
     "tilt": np.array([3, 4]),
@@ -41,7 +41,7 @@ PARTS = {
 
 @schema(frozen=True, slots=True, config=STRICT)
 class EstimateConfig:
-    """The estimation test; the unit of every value stands in ``benchmarks/config/estimate.yaml``."""
+    """Settings of the estimation test; the units are in ``benchmarks/config/estimate.yaml``."""
 
     settle_time: Positive
     stand_time: Positive
@@ -69,7 +69,7 @@ def _loop(robot: str) -> ClosedLoop:
 
 
 class ErrorLog:
-    """Errors (12,) of the estimate, as in ``StateEstimator.base_covariance``, and covariances, each ``period`` [s]."""
+    """Logs errors (12,), in the order of ``StateEstimator.base_covariance``, and covariances every ``period`` [s]."""
 
     def __init__(self, loop: ClosedLoop, period: float) -> None:
         self._loop, self._every = loop, max(round(period / loop.plant.period), 1)
@@ -80,12 +80,12 @@ class ErrorLog:
         self.positions: list[NDArray[np.float64]] = []
 
     def step(self) -> None:
-        """One tick of the robot, sampled when due."""
+        """Step the robot and take a sample when due."""
         self._tick += 1
         if self._tick % self._every:
             self._loop.step()
             return
-        truth = self._loop.truth  # of the instant that this tick's sensors measure
+        truth = self._loop.truth  # at the instant of this tick's sensor data
         self._loop.step()
         state = self._loop.state
         turn = pin.Quaternion(state.q[3:7]).matrix() @ pin.Quaternion(truth.q[3:7]).matrix().T
@@ -101,7 +101,7 @@ class ErrorLog:
 
 
 def nees(errors: NDArray[np.float64], covariances: NDArray[np.float64], part: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Normalised estimation error squared of the rows ``part`` of errors (n, 12) with covariances (n, 12, 12): (n,)."""
+    """Return the NEES (n,) of the rows ``part`` of errors (n, 12) with covariances (n, 12, 12)."""
     e = errors[:, part]
     solved = np.linalg.solve(covariances[:, part[:, None], part], e[:, :, None])[:, :, 0]
     return np.asarray(np.einsum("ni,ni->n", e, solved))
@@ -133,7 +133,7 @@ def _motion(name: str) -> Callable[[ErrorLog, ClosedLoop, int, EstimateConfig], 
 
 
 def scenarios() -> dict[str, Callable[[ErrorLog, ClosedLoop, int, EstimateConfig], None]]:
-    """What the robot does in each scenario."""
+    """Return the function that runs each scenario, by name."""
     return {
         "stand": lambda log, loop, seed, config: log.run(config.stand_time),
         **{name: _motion(name) for name in estimate_config().motions},
@@ -143,7 +143,7 @@ def scenarios() -> dict[str, Callable[[ErrorLog, ClosedLoop, int, EstimateConfig
 
 
 def measure(robot: str, seed: int, scenario: str) -> Case:
-    """Errors of one run of a scenario, whose seed also draws the directions of the pushes."""
+    """Measure one run of a scenario; the seed also selects the directions of the pushes."""
     config, loop = estimate_config(), _loop(robot)
     loop.reset(seed)
     loop.run(config.settle_time)
@@ -168,7 +168,7 @@ def measure(robot: str, seed: int, scenario: str) -> Case:
 
 
 def time_steps(robot: str) -> dict[str, float]:
-    """Figures ``estimator_us_*``, ``tick_us_*`` of calls alternating in one run, and ``allocated_blocks_growth``."""
+    """Return ``estimator_us_*`` and ``tick_us_*`` of alternating calls in one run, and ``allocated_blocks_growth``."""
     config, tick, loop = estimate_config(), exercise_config(), _loop(robot)
     loop.reset(0)
     demand(loop, tick.motion)
@@ -187,25 +187,25 @@ WALK = "walk"
 
 
 def interval(size: int, runs: int, confidence: float) -> tuple[float, float]:
-    """Two-sided interval of the mean over ``runs`` of the NEES of ``size`` components."""
+    """Return the two-sided interval of the mean over ``runs`` of the NEES of ``size`` components."""
     tails = (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)
     low, high = (float(chi2.ppf(tail, size * runs)) / runs for tail in tails)
     return low, high
 
 
 def mean_nees(cases: list[Case], part: str) -> NDArray[np.float64]:
-    """NEES of a part at every instant, averaged over the runs of one scenario (n,)."""
+    """Return the NEES of a part at every instant, averaged over the runs of one scenario (n,)."""
     count = min(len(case["nees"][part]) for case in cases)
     return np.asarray(np.mean([case["nees"][part][:count] for case in cases], axis=0))
 
 
 def drift(case: Case) -> float:
-    """Growth of the position's error in parts of the distance walked [-]."""
+    """Return the growth of the position error over the distance walked [-]."""
     return float(np.linalg.norm(case["drift"]) / case["distance"])
 
 
 def summarise(results: list[Case], config: EstimateConfig) -> dict[str, float]:
-    """Figures of all runs: errors of the worst seed, and where no scenario is named, of the worst but for walking."""
+    """Compute the figures: errors of the worst seed per scenario and, without suffix, over all except walking."""
     figures: dict[str, float] = {}
     groups = {name: [case for case in results if case["scenario"] == name] for name in scenarios()}
     errors = ("velocity_rmse", "tilt_rmse_deg", "height_rmse")

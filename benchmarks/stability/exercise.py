@@ -1,4 +1,4 @@
-"""Waving while pushed from all sides: what the robot does while its tick and its estimator are timed."""
+"""Exercise for timing of tick and estimator: wave while pushed from all sides."""
 
 import math
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from models.types import Mode, Vector
 
 @schema(frozen=True, slots=True, config=STRICT)
 class ExerciseConfig:
-    """Motion and pushes; the unit of every value stands in ``benchmarks/config/exercise.yaml``."""
+    """Motion and pushes; the units are in ``benchmarks/config/exercise.yaml``."""
 
     warm_up: Positive
     motion: str
@@ -34,7 +34,7 @@ exercise_config = partial(settings, ExerciseConfig, "exercise")
 
 
 def push_forces(loop: ClosedLoop, config: ExerciseConfig) -> list[Vector]:
-    """Force of each push in W (3,) [N], the present centre of pressure taken as that at rest."""
+    """Return the force of each push in W (3,) [N]; the present centre of pressure counts as the one at rest."""
     rest = stance(loop.robot, loop.truth)
     height = float(rest.com[2] - rest.soles[:, 2].mean())
     forces = []
@@ -48,7 +48,7 @@ def push_forces(loop: ClosedLoop, config: ExerciseConfig) -> list[Vector]:
 
 
 def exercise(loop: ClosedLoop, duration: float, config: ExerciseConfig) -> Iterator[None]:
-    """Wave and push for a time [s]; yields every second; ``PoiseError`` when the robot fell, or would not move."""
+    """Wave and push for a time [s]; yields every second; ``PoiseError`` if the robot falls or refuses the motion."""
     forces = push_forces(loop, config)
     start, pushes, second = loop.t, 0, 1
     while loop.t < start + duration - 1e-9:  # 1e-9: rounding of the simulated time

@@ -1,4 +1,4 @@
-"""The last moments of a failed trial: signals as plain numbers (``last_moments``) and their picture (``draw_fall``)."""
+"""Signals before the end of a failed trial, as plain numbers (``last_moments``), and their plot (``draw_fall``)."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from models.types import Matrix, Mode, SolveStatus, Vector
 if TYPE_CHECKING:  # it needs ROS 2
     from bridge.hardware_loop import HardwareLoop
 
-ROWS = 300  # most rows that are kept
-AFTER = 0.1  # kept after the robot was damped [s]
+ROWS = 300  # maximum number of rows
+AFTER = 0.1  # time after damping that is included [s]
 
-#: How many joints are kept of those nearest to the limit of their torque, and of their position
+#: Number of leg joints and of other joints with the smallest margins to torque and position limits
 LEG_JOINTS, OTHER_JOINTS = 3, 2
-SATURATED = 0.95  # share of its limit from which on a torque counts as at it [-]
+SATURATED = 0.95  # share of the limit above which a torque counts as saturated [-]
 
 
 def last_moments(loop: ClosedLoop | HardwareLoop, duration: float) -> Case:
-    """Signals of the ``duration`` [s] before the robot was damped, or before the end of the log; ``moments_since``."""
+    """Return ``moments_since`` for ``duration`` [s] before the robot was damped or before the end of the log."""
     return moments_since(loop, _end(loop.log) - duration)
 
 
 def draw_distances(
     report: Report, folder: Path, label: str, draw_limits: Callable[[Axes], None] = lambda axes: None
 ) -> list[Path]:
-    """Draw the distance of every case by its scenario, survivors apart, and the first failures; returns the files.
+    """Plot the distance of every case by scenario and outcome, and the first failures; returns the files.
 
-    ``label`` is that of the distance, ``draw_limits`` draws what is required.
+    ``label`` is the label of the distance, ``draw_limits`` draws the required distance.
     """
     names = list(by_scenario(report.cases))
     first = min((case["seed"] for case in report.cases), default=0)
@@ -65,23 +65,22 @@ def draw_distances(
 
 
 def _end(log: LoopLog) -> float:
-    """When the robot was given up, or the last stamp [s]."""
+    """Return the time at which the robot was damped, or the last stamp [s]."""
     given_up = log.t[[mode is Mode.DAMP for mode in log.modes]]
     return float(given_up[0] if len(given_up) else log.t[-1])
 
 
 def moments_since(loop: ClosedLoop | HardwareLoop, begin: float) -> Case:
-    """The end of a robot's log, places relative to its CoM and along its heading at each moment.
+    """Return the signals at the end of a robot's log; positions are relative to its CoM, along its heading.
 
-    Estimates and commands of the laws are in their drifting frame: they are relative to the estimated CoM and heading.
-    The first row is at ``begin`` [s] or when the robot was damped, if earlier; the last row is ``AFTER`` that. Returns
-    lists of n rows: ``t`` [s]; forward and left of the CoM [m] ``dcm``, ``cop`` (null in flight), ``dcm_seen`` and
-    ``cmp`` (as the law sees and commands them); of both feet ``soles_low`` and ``soles_high``, between which the
-    corners of the sole lie, and ``aims``, the foothold of the foot that swings (null otherwise); ``loads`` and
-    ``planned_loads`` over the weight [-], ``heights`` of the lowest corner in W [m], ``tilts`` of the soles [deg];
-    ``base_tilt`` to the front and to the left [deg], ``base_height`` over the lower sole [m]; ``status`` of the QP,
-    ``mode``. By name of the joints nearest to their limits: ``torques``, shares of the limit [-], and ``margins``
-    [deg]. ``events``: stamp and text.
+    Estimates and commands of the laws are in a drifting frame, so they are relative to estimated CoM and heading. The
+    first row is at ``begin`` [s], or when the robot was damped, if earlier. The last row is ``AFTER`` the damping.
+    Returns lists of n rows: ``t`` [s]. Forward and left of the CoM [m]: ``dcm``, ``cop`` (null in flight), ``dcm_seen``
+    and ``cmp`` (estimate and command of the law); for both feet ``soles_low`` and ``soles_high``, the limits of the
+    sole corners, and ``aims``, the foothold of the swing foot (null otherwise). ``loads`` and ``planned_loads`` over
+    the weight [-], ``heights`` of the lowest corner in W [m], ``tilts`` of the soles [deg], ``base_tilt`` to the front
+    and to the left [deg], ``base_height`` over the lower sole [m], ``status`` of the QP, ``mode``. By name, for the
+    joints closest to their limits: ``torques``, as shares of the limit [-], ``margins`` [deg]. ``events``: stamp, text.
     """
     log, model = loop.log, loop.robot
     end = _end(log)
@@ -94,8 +93,8 @@ def moments_since(loop: ClosedLoop | HardwareLoop, begin: float) -> Case:
         swings = log.swing[rows] == foot
         aims[swings, foot] = log.footholds[rows][swings, 2 * foot : 2 * foot + 2]
     com, statuses, modes = log.com[rows, :2], log.statuses, log.modes
-    acting = np.array([modes[row] is not Mode.DAMP for row in rows])  # what happens later explains nothing
-    acting |= not acting.any()  # ... unless there is nothing else
+    acting = np.array([modes[row] is not Mode.DAMP for row in rows])  # later signals do not explain the failure
+    acting |= not acting.any()  # unless there are no others
     names, joints = np.array(model.joint_names), log.true_q[rows, 7:]
     shares = np.abs(log.tau[rows]) / model.tau_max  # (n, nj)
     margins = np.degrees(np.minimum(joints - model.q_lower, model.q_upper - joints))  # (n, nj)
@@ -121,7 +120,7 @@ def moments_since(loop: ClosedLoop | HardwareLoop, begin: float) -> Case:
 
 
 def _first(model: RobotModel, score: Vector) -> list[int]:
-    """The joints of the smallest scores (nj,): some of the legs, then some of the rest, whose arms swing hardest."""
+    """Return the joints with the smallest scores (nj,): leg joints, then others, whose arms swing hardest."""
     order = np.argsort(score, kind="stable").tolist()
     legs = {index - 6 for foot in model.feet for index in foot.joint_ids_v}
     return [i for i in order if i in legs][:LEG_JOINTS] + [i for i in order if i not in legs][:OTHER_JOINTS]
@@ -132,13 +131,13 @@ def _rounded(values: Matrix) -> Any:
 
 
 def _seen(points: Matrix, com: Matrix, yaws: Sequence[float]) -> Matrix:
-    """Points (n, ..., 2) from a CoM (n, 2), along a heading a row."""
+    """Return points (n, ..., 2) relative to a CoM (n, 2), along a heading per row."""
     places = com.reshape(len(com), *[1] * (points.ndim - 2), 2)
     return np.array([turned(row, -yaw) for row, yaw in zip(points - places, yaws, strict=True)])
 
 
 def _true_signals(model: RobotModel, q: Matrix, v: Matrix, wrenches: Matrix) -> dict[str, Matrix]:
-    """Those of ``moments_since`` that take the true state (n, nq), (n, nv) and wrenches (n, 12)."""
+    """Return the signals of ``moments_since`` from true state (n, nq), (n, nv) and wrenches (n, 12)."""
     data, rows = model.data(), []
     for i in range(len(q)):
         now, yaw = balance(model, data, q[i], v[i], wrenches[i].reshape(2, 6)), heading(*q[i, 3:7])
@@ -160,21 +159,21 @@ def _true_signals(model: RobotModel, q: Matrix, v: Matrix, wrenches: Matrix) -> 
 
 
 PASSED, FAILED, GOAL = "#1b6ca8", "#c0392b", "#2e8b57"
-"""Colours of trials, and of what they fail or aim at, in every benchmark's pictures."""
+"""Colours of passed and failed trials and of goals in the plots of all benchmarks."""
 
 _FEET = (("left", "#7b4fa3"), ("right", "#c98a1b"))
-_MOST_LOAD = 3.0  # larger loads, over the weight, are impacts and leave the picture [-]
-_BORNE = 0.05  # share of the weight from which on a sole is drawn as bearing [-]
+_MOST_LOAD = 3.0  # upper limit of the plotted loads, over the weight; larger loads are impacts [-]
+_BORNE = 0.05  # share of the weight above which a sole is drawn as loaded [-]
 
 _SIGNALS = (
     "t", "dcm", "cop", "dcm_seen", "cmp", "soles_low", "soles_high", "aims",
     "loads", "planned_loads", "heights", "tilts", "base_tilt", "base_height",
 )  # fmt: skip
-"""What ``moments_since`` gives as lists of numbers by time."""
+"""Signals of ``moments_since`` that are lists of numbers over time."""
 
 
 def draw_failures(report: Report, folder: Path) -> list[Path]:
-    """Draw the first failure of each scenario; failed cases have ``moments`` (``last_moments``) and a ``reason``."""
+    """Plot the first failure of each scenario; failed cases have ``moments`` (``last_moments``) and a ``reason``."""
     first = {case["scenario"]: case for case in reversed(report.cases) if case.get("moments")}
     files = []
     for name in sorted(first):
@@ -185,7 +184,7 @@ def draw_failures(report: Report, folder: Path) -> list[Path]:
 
 
 def draw_fall(moments: Case, title: str, file: Path) -> Path:
-    """Draw balance, feet, base, joint limits and QP of ``last_moments`` against time."""
+    """Plot balance, feet, base, joint limits and QP of ``last_moments`` over time."""
     signals = {name: np.array(values, dtype=float) for name, values in moments.items() if name in _SIGNALS}
     figure = new_figure(15.0, 10.0)
     grid = figure.add_gridspec(5, 2, height_ratios=[1.7, 1.7, 1.0, 1.0, 1.0])
@@ -228,7 +227,7 @@ def _draw_balance(axes: Axes, signals: Mapping[str, Matrix], k: int) -> None:
     axes.plot(t, signals["dcm_seen"][:, k], color=COLOURS["DCM"], linewidth=0.8, linestyle=":", label="DCM, estimated")
     axes.plot(t, signals["cop"][:, k], color=COLOURS["ZMP"], linewidth=1.4, label="CoP")
     axes.plot(t, signals["cmp"][:, k], color="0.2", linewidth=0.8, linestyle=":", label="CMP, commanded")
-    # The range is that of the soles: a DCM far outside it adds nothing.
+    # The range covers the soles; a DCM far outside is not useful.
     axes.set_ylim(float(low[:, :, k].min()) - 0.15, float(high[:, :, k].max()) + 0.15)
 
 
@@ -242,7 +241,7 @@ def _draw_feet(axes: Axes, signals: Mapping[str, Matrix], name: str, label: str)
 
 
 def _draw_lines(axes: Axes, t: Matrix, lines: Mapping[str, Any], label: str) -> None:
-    """Signals by name; of joints first those of the legs, then dashed the rest."""
+    """Draw signals by name; of joints, legs first, the others dashed."""
     for i, (name, values) in enumerate(lines.items()):
         style = "-" if i < LEG_JOINTS else "--"
         axes.plot(t, np.array(values, dtype=float), style, linewidth=1.1, label=name.removesuffix("_joint"))
@@ -257,7 +256,7 @@ def _draw_status(axes: Axes, t: Matrix, moments: Case) -> None:
     axes.set_ylabel("QP solution", fontsize=8)
     modes = moments["mode"]
     for i in [i for i in range(len(modes)) if i == 0 or modes[i] != modes[i - 1]]:
-        late = t[i] > 0.2 * t[0] + 0.8 * t[-1]  # no room to its right
+        late = t[i] > 0.2 * t[0] + 0.8 * t[-1]  # no space to the right
         axes.text(t[i], -0.3, f" mode {modes[i]} ", fontsize=7, color="0.3", ha="right" if late else "left")
 
 
@@ -279,7 +278,7 @@ def _finish(left: list[Axes], right: list[Axes], moments: Case) -> None:
 
 
 def _event_labels(moments: Case) -> dict[float, str]:
-    """Which events happened at each time, by their places in the title: '1, 2'."""
+    """Return the numbers of the events at each time, as in the title: '1, 2'."""
     found: dict[float, str] = {}
     for i, (t, _) in enumerate(moments["events"]):
         found[t] = f"{found[t]}, {i + 1}" if t in found else f"{i + 1}"

@@ -1,4 +1,4 @@
-"""Humanoids of boxes, as URDF text: kinds of robots that no package has."""
+"""Humanoids made of boxes, as URDF text: kinds of robots that no package contains."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,13 +10,13 @@ Triple = tuple[float, float, float]
 
 
 class _Urdf:
-    """Text of links and joints."""
+    """URDF text of links and joints."""
 
     def __init__(self) -> None:
         self.parts: list[str] = []
 
     def link(self, name: str, mass: float, size: Triple = _ROUND, centre: Triple = (0.0, 0.0, 0.0)) -> str:
-        """A box of uniform density."""
+        """Add a box of uniform density."""
         (x, y, z), at = size, " ".join(map(str, centre))
         ixx, iyy, izz = (mass * (a * a + b * b) / 12.0 for a, b in ((y, z), (x, z), (x, y)))
         box = f'<origin xyz="{at}"/><geometry><box size="{x} {y} {z}"/></geometry>'
@@ -30,7 +30,7 @@ class _Urdf:
     def joint(
         self, name: str, axis: str, parent: str, child: str, at: Triple, limits: tuple[float, float], torque: float
     ) -> None:
-        """A revolute joint about roll, pitch or yaw."""
+        """Add a revolute joint about roll, pitch or yaw."""
         self.parts.append(
             f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
             f'<origin xyz="{" ".join(map(str, at))}"/><axis xyz="{_AXES[axis]}"/>'
@@ -40,27 +40,27 @@ class _Urdf:
 
 @dataclass(frozen=True)
 class Humanoid:
-    """A robot of about 1.3 m and 45 kg with legs of 0.76 m."""
+    """Robot of about 1.3 m and 45 kg with legs of 0.76 m."""
 
-    ankle_roll: bool = True  # without, the legs have a joint less
-    hip_yaw: bool = True  # the same
-    waist_legs: bool = False  # the base is the trunk, and the legs hang from a pelvis below two waist joints
+    ankle_roll: bool = True  # without it, the legs have one joint less
+    hip_yaw: bool = True  # without it, the legs have one joint less
+    waist_legs: bool = False  # the base is the trunk, and the legs are attached to a pelvis below two waist joints
     arms: tuple[str, ...] = ("left", "right")
-    arm_joints: int = 4  # from the shoulder on
+    arm_joints: int = 4  # number of joints, starting at the shoulder
     arm: float = 0.5  # shoulder to end of the arm [m]
     head: bool = True
     ankle: float = 70.0  # torque limit of the ankles [N.m]
     knee: float = 200.0  # torque limit of the knees [N.m]
 
     def write(self, folder: Path) -> Path:
-        """Write the URDF; returns its path."""
+        """Write the URDF and return its path."""
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / "humanoid.urdf"
         path.write_text(self.text())
         return path
 
     def text(self) -> str:
-        """The URDF."""
+        """Return the URDF."""
         urdf = _Urdf()
         trunk = (15.0, (0.16, 0.26, 0.36), (0.0, 0.0, 0.2))
         if self.waist_legs:
@@ -83,7 +83,7 @@ class Humanoid:
         return '<robot name="humanoid">\n' + "\n".join(urdf.parts) + "\n</robot>\n"
 
     def _leg(self, urdf: _Urdf, side: str, sign: float) -> None:
-        """Hip yaw, roll and pitch, knee, ankle pitch and roll."""
+        """Add hip yaw, roll and pitch, knee, ankle pitch and roll."""
         here, roll = (0.0, 0.0, 0.0), (-0.4, 0.8) if sign > 0.0 else (-0.8, 0.4)
         hip, place = "pelvis", (0.0, 0.1 * sign, -0.06)
         if self.hip_yaw:
@@ -96,7 +96,7 @@ class Humanoid:
         urdf.joint(f"{side}_hip_pitch", "pitch", side_hip, thigh, here, (-2.0, 1.2), 150.0)
         shank = urdf.link(f"{side}_shank", 2.0, (0.08, 0.08, 0.3), (0.0, 0.0, -0.17))
         urdf.joint(f"{side}_knee", "pitch", thigh, shank, (0.0, 0.0, -0.35), (-0.1, 2.2), self.knee)
-        width = 0.08 if self.ankle_roll else 0.035  # a sole that rolls is narrow
+        width = 0.08 if self.ankle_roll else 0.035  # a sole without ankle roll is narrow
         foot, ankle = (0.8, (0.2, width, 0.03), (0.03, 0.0, -0.06)), (0.0, 0.0, -0.35)
         if self.ankle_roll:
             cross = urdf.link(f"{side}_cross", 0.3, (0.05, 0.05, 0.05))
@@ -110,7 +110,7 @@ class Humanoid:
             )
 
     def _arm(self, urdf: _Urdf, side: str, sign: float) -> None:
-        """Shoulder pitch, roll and yaw, elbow, wrist yaw: the first ``arm_joints`` of them."""
+        """Add the first ``arm_joints`` of shoulder pitch, roll and yaw, elbow, wrist yaw."""
         half, here = 0.5 * self.arm, (0.0, 0.0, 0.0)
         roll = (-0.3, 2.8) if sign > 0.0 else (-2.8, 0.3)
         chain = (
@@ -122,14 +122,14 @@ class Humanoid:
         )
         above = "trunk"
         for number, (kind, axis, at, limits) in enumerate(chain[: self.arm_joints]):
-            last = number == self.arm_joints - 1  # a forearm of 0.2 m below it
+            last = number == self.arm_joints - 1  # the last link is a forearm of 0.2 m
             size, centre = ((0.05, 0.05, 0.2), (0.0, 0.0, -0.1)) if last else (_ROUND, here)
             link = urdf.link(f"{side}_{kind}_link", 0.6, size, centre)
             urdf.joint(f"{side}_{kind}", axis, above, link, at, limits, 40.0)
             above = link
 
 
-#: A robot of each kind
+#: Robots by kind
 KINDS = {
     "six-joint legs": Humanoid(),
     "legs below a waist": Humanoid(waist_legs=True),

@@ -1,4 +1,4 @@
-"""Legs that touch each other, by the shapes of their links: the same check for every controller."""
+"""Contact between the legs, from the shapes of their links; the same check for every controller."""
 
 import pinocchio as pin
 
@@ -8,14 +8,14 @@ from models.types import Vector
 
 
 class LegContact:
-    """Whether surfaces of the left and of the right leg intersect; see ``leg_shapes``."""
+    """Detects intersection of the left and the right leg; see ``leg_shapes``."""
 
     def __init__(self, robot: RobotModel) -> None:
         self._model, self._data, self._geometry = robot.pin, robot.data(), leg_shapes(robot)
         self._contacts = self._geometry.createData()
 
     def find(self, q: Vector) -> str:
-        """The first two links that touch at a configuration (nq,); empty when none do."""
+        """Return the first two links in contact at a configuration (nq,); empty if there are none."""
         if not pin.computeCollisions(self._model, self._data, self._geometry, self._contacts, q, True):
             return ""
         results = zip(self._geometry.collisionPairs, self._contacts.collisionResults, strict=True)

@@ -1,4 +1,4 @@
-"""Largest push that a standing robot takes without a step, beside the bounds of ``push_bounds``."""
+"""Largest push that a standing robot survives without a step, compared with the bounds of ``push_bounds``."""
 
 import math
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ from models.types import RobotState, Vector
 
 
 class PushMode(StrEnum):
-    """Task of the robot while it is pushed."""
+    """Task of the robot during the push."""
 
     STAND = "stand"  #: Stands without a step
     CATCH = "catch"  #: Stands in mode 'stand' and may step
@@ -42,7 +42,7 @@ _NAMES = ("forward", "forward-left", "left", "back-left", "backward", "back-righ
 
 
 def direction_name(angle: float) -> str:
-    """Name of a heading relative to the robot's [rad]: a word for multiples of 45 deg, degrees otherwise."""
+    """Return the name of a heading relative to the robot [rad]: a word for multiples of 45 deg, else degrees."""
     eighth = angle / (0.25 * math.pi)
     if abs(eighth - round(eighth)) < 1e-6:  # 1e-6: rounding
         return _NAMES[round(eighth) % len(_NAMES)]
@@ -50,10 +50,10 @@ def direction_name(angle: float) -> str:
 
 
 def angles(usual: int, options: Options) -> list[float]:
-    """Headings [rad] in [0, 2 pi), ascending: those chosen, by word or in degrees, else those of the grid.
+    """Return headings [rad] in [0, 2 pi), ascending: the selected ones (words or degrees), or a grid.
 
-    A grid is a number of evenly spread headings and where the first is, forward if left out: ``16``, or ``8+22.5``
-    [deg]. ``usual`` is that number without the option. Raises ``ConfigError`` for anything else.
+    A grid is a number of evenly spread headings, and optionally the offset of the first from forward [deg]: ``16``, or
+    ``8+22.5``. ``usual`` is the number without the option. Raises ``ConfigError`` for any other text.
     """
     number, _, offset = (options.directions or str(usual)).partition("+")
     count, first = _number(number), _number(offset or "0")
@@ -72,32 +72,32 @@ def angles(usual: int, options: Options) -> list[float]:
 
 
 def _number(text: str) -> float:
-    """The number in a text; NaN for another text."""
+    """Parse a number; NaN for any other text."""
     try:
         return float(text)
     except ValueError:
         return math.nan
 
 
-RINGS = (0.25, 0.5)  #: Distances of the rings of the map; the second where the first gives too many [m/s]
-MOST_RINGS = 4  #: Largest number of rings of a readable map
+RINGS = (0.25, 0.5)  #: Spacing of the rings of the map; the second if the first gives too many rings [m/s]
+MOST_RINGS = 4  #: Maximum number of rings of a readable map
 Line = tuple[str, str, dict[str, Any]]  #: Key of a case [m/s], label, and style of a closed line of the map
-Circle = tuple[str, float, dict[str, Any]]  #: Label, value [m/s] and style of a value for all directions
+Circle = tuple[str, float, dict[str, Any]]  #: Label, value [m/s] and style of a limit that is equal in all directions
 
 
 @dataclass(frozen=True, slots=True)
 class PushMap:
     """Content of a push map."""
 
-    #: With ``angle`` [rad], ``mass`` [kg] and the keys of the lines; the smallest of each angle counts
+    #: Have ``angle`` [rad], ``mass`` [kg] and the keys of the lines; the smallest value of each angle is drawn
     cases: Sequence[Case]
-    lines: Sequence[Line]  #: The last is the push taken, and is filled
-    circles: Sequence[Circle]  #: Values for all directions
+    lines: Sequence[Line]  #: The last line is the survived push; its area is filled
+    circles: Sequence[Circle]  #: Limits that are equal in all directions
     title: str  #: Task of the robot during the push
 
 
 def draw_rings(axes: PolarAxes, shown: PushMap) -> None:
-    """Draw impulse over mass [m/s] by direction, forward up; the rings show the impulse [N.s] too."""
+    """Draw impulse over mass [m/s] by direction, forward up; ring labels include the impulse [N.s]."""
     angles = sorted({case["angle"] for case in shown.cases})
     axes.set_theta_zero_location("N")  # forward is up
     for key, label, style in shown.lines:
@@ -121,7 +121,7 @@ def draw_rings(axes: PolarAxes, shown: PushMap) -> None:
 
 
 def draw_map(report: Report, shown: PushMap, remarks: Sequence[str], file: Path) -> Path:
-    """Draw a map with lines of remarks below; returns its file."""
+    """Plot a map with remarks below; returns the file."""
     figure = new_figure(9.5, 7.0 + 0.14 * len(remarks))
     grid = figure.add_gridspec(2, 2, height_ratios=[7.0, 0.14 * len(remarks)], width_ratios=[7.0, 2.5])
     axes = cast(PolarAxes, figure.add_subplot(grid[0, 0], projection="polar"))
@@ -141,7 +141,7 @@ def draw_map(report: Report, shown: PushMap, remarks: Sequence[str], file: Path)
 
 @schema(frozen=True, slots=True, config=STRICT)
 class PushConfig:
-    """The push test; the units are those of ``benchmarks/config/push.yaml``."""
+    """Settings of the push test; the units are in ``benchmarks/config/push.yaml``."""
 
     body: str
     directions: Count
@@ -175,12 +175,12 @@ _config = partial(settings, PushConfig, "push")
 
 
 def stance(model: RobotModel, truth: RobotState) -> Balance:
-    """Balance of a robot's true state, contact wrenches included."""
+    """Return the balance of a robot's true state, including contact wrenches."""
     return balance(model, model.data(), truth.q, truth.v, [contact.wrench for contact in truth.contacts])
 
 
 def survives(robot: str, seed: int, force: Vector, config: PushConfig, contender: str = "") -> bool:
-    """Whether a standing robot, pushed with a force in W (3,) [N], stays up, keeps its feet and rests again."""
+    """Whether a standing robot, pushed with a force in W (3,) [N], stays up, does not move its feet and rests again."""
     loop = _loop(robot, contender)
     loop.reset(seed)
     loop.run(config.settle_time)
@@ -198,7 +198,7 @@ def survives(robot: str, seed: int, force: Vector, config: PushConfig, contender
 
 
 def bound_at_rest(loop: ClosedLoop, direction: Vector, config: PushConfig) -> tuple[float, float]:
-    """Ankle bound [N] along a unit vector in W (3,), and distance from CoP to edge [m], after ``rest_time``."""
+    """Return ankle bound [N] and distance from CoP to edge [m] along a unit vector in W (3,), after ``rest_time``."""
     cops = []
     for _ in range(config.rest_samples):
         loop.run(config.rest_time / config.rest_samples)
@@ -210,7 +210,7 @@ def bound_at_rest(loop: ClosedLoop, direction: Vector, config: PushConfig) -> tu
 
 
 def measure(robot: str, seed: int, angle: float, contender: str = "") -> Case:
-    """Bisect the push in one direction, a heading in W [rad]: forces and bounds [N], as ``dv`` [m/s], and ratios."""
+    """Bisect the push along a heading in W [rad]: forces and bounds [N], as ``dv`` [m/s], and ratios."""
     config, loop = _config(), _loop(robot, contender)
     direction = np.array([math.cos(angle), math.sin(angle), 0.0])
     loop.reset(seed)
@@ -235,7 +235,7 @@ def measure(robot: str, seed: int, angle: float, contender: str = "") -> Case:
 
 
 def push_map(report: Report) -> PushMap:
-    """Map of a report: impulse over mass by direction of the push, with the ankle bound."""
+    """Return the map of a report: impulse over mass by direction, with the ankle bound."""
     required = _config().required_ratio
     lines = (
         ("bound_dv", "ankle bound", {"color": "0.35", "linestyle": "--"}),
@@ -247,7 +247,7 @@ def push_map(report: Report) -> PushMap:
 
 
 class Push(Benchmark):
-    """Bisect the push in every direction, or in those chosen, for every seed."""
+    """Bisect the push in every direction, or in the selected ones, for every seed."""
 
     measure = staticmethod(measure)
 
@@ -261,7 +261,7 @@ class Push(Benchmark):
         ]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Impulse over mass [m/s] and its ratio to the bounds of ankles and torques [-]: weakest and median."""
+        """Return weakest and median impulse over mass [m/s], and its ratios to ankle and torque bounds [-]."""
         columns = {
             "dv": "dv",
             "ratio_to_ankle_bound": "ratio",

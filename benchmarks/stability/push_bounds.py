@@ -1,31 +1,31 @@
-r"""What a robot can take of a push: a linear inverted pendulum without and with steps, and its torques.
+r"""Bounds of a push: linear inverted pendulum without and with steps, and torque limits.
 
-A force F for a time ``T_p`` moves the DCM of a pendulum whose centre of pressure rests on the edge of its support, a
-distance d ahead of the DCM before the push, to where it would come to rest on a point a distance D beyond that edge:
+A force F of duration ``T_p`` acts on a pendulum whose centre of pressure is on the edge of its support, at a distance d
+ahead of the initial DCM. It moves the DCM to where it would come to rest on a point at a distance D beyond that edge:
 
 .. math:: F (1 - e^{-\omega T_p}) = m \omega^2 (d + D)
 
-Without a step D is zero. With N steps of length ``l`` and time ``T``, the first of which begins with the push,
+Without a step D is zero. With N steps of length ``l`` and duration ``T``, the first of which begins with the push,
 
 .. math:: D_N = (D_{N-1} + l_N) e^{-\omega T} = \sum_{k=1}^{N} l_k e^{-k \omega T}
 
-and d is the distance to the edge of the foot that bears meanwhile: the one that steps first bears nothing.
+and d is the distance to the edge of the stance foot; the foot that steps first bears no load.
 
 References:
-    Koolen et al.: Capturability-based analysis and control of legged locomotion, part 1, IJRR 2012, eq. 29: its
-    ``d_N - r_max`` is ``D_N`` here.
+    Koolen et al.: Capturability-based analysis and control of legged locomotion, part 1, IJRR 2012, eq. 29;
+    ``d_N - r_max`` in the paper is ``D_N`` here.
 
-The torques allow less than the pendulum. The largest horizontal force that a standing robot can bear at its CoM is a
-linear programme over the wrenches ``w`` of both soles, in their frames, and the size of the force ``f``, of direction
-``d``:
+The torque bound is lower than the pendulum bound. The largest horizontal force on the CoM of a standing robot is the
+solution of a linear programme in the wrenches ``w`` of both soles, in their frames, and the size of the force ``f``, of
+direction ``d``:
 
 .. math::
     \max f \quad \text{s.t.} \quad g(q) - J_c^T w - J_{com}^T d f = (0_6, \tau), \quad
     |\tau| \le \tau_{max}, \quad w \in \text{cone}
 
-Without torque limits it is ``m g d_edge / z``: a pendulum whose centre of pressure is on the edge of its support. A
-push that leaves the DCM on that edge is larger by ``1 / (1 - exp(-omega T_p))``; with the static force of this
-programme in its place the bound holds for the torques too.
+Without torque limits the solution is ``m g d_edge / z``: a pendulum with its centre of pressure on the edge of its
+support. A push that leaves the DCM on that edge is larger by ``1 / (1 - exp(-omega T_p))``. The torque bound is the
+static force of the programme times this factor.
 
 References:
     Bretl, Lall: Testing static equilibrium for legged robots, T-RO 2008 (the programme without torques);
@@ -49,19 +49,19 @@ from planners.gait.regions import URGENT_REGIONS, region_boxes, region_limits
 
 
 def ankle_bound(mass: float, height: float, distance: float, duration: float) -> float:
-    """Largest force of ``duration`` [s] that the ankle strategy takes [N]; ``distance`` is from CoP to edge [m]."""
+    """Return the largest force [N] for the ankle strategy; ``duration`` [s], ``distance`` from CoP to edge [m]."""
     omega = math.sqrt(GRAVITY / height)
     return mass * omega**2 * distance / (1.0 - math.exp(-omega * duration))
 
 
 def step_length(gait: GaitConfig, foot: int, direction: Vector) -> float:
-    """How far from the stance sole a foot can be put along a direction (2,) of its frame, crossing included [m]."""
+    """Return the largest step from the stance sole along a direction (2,) in its frame, including crossing [m]."""
     boxes = region_boxes(region_limits(gait.reach))[list(URGENT_REGIONS), foot]  # (regions, 2, 2)
     return float((boxes * direction[:2]).max(axis=1).sum(axis=1).max())
 
 
 def step_distance(gait: GaitConfig, omega: float, steps: int, direction: Vector, first: int) -> float:
-    """``D_N`` along a direction (2,) [m] with the foot ``first``, past the edge of the other sole."""
+    """Return ``D_N`` along a direction (2,) [m] with the foot ``first``, past the edge of the other sole."""
     decay = math.exp(-omega * gait.timing.single_urgent)
     return sum(step_length(gait, (first + k) % 2, direction) * decay ** (k + 1) for k in range(steps))
 
@@ -69,18 +69,18 @@ def step_distance(gait: GaitConfig, omega: float, steps: int, direction: Vector,
 def distance_with_steps(
     gait: GaitConfig, omega: float, steps: int, direction: Vector, edges: tuple[float, float]
 ) -> float:
-    """``d + D_N`` of the better first foot [m].
+    """Return ``d + D_N`` for the better first foot [m].
 
-    ``edges`` are how far the DCM is from the far edge of each sole along the direction [m]; ``-inf`` without load.
+    ``edges``: distances from the DCM to the far edge of each sole along the direction [m]; ``-inf`` without load.
     """
     return max(edges[1 - first] + step_distance(gait, omega, steps, direction, first) for first in range(2))
 
 
-FORCE_MAX = 10.0  # bound of a sole's normal force, in weights of the robot: none that matters [-]
+FORCE_MAX = 10.0  # upper bound of a sole's normal force in robot weights, too large to be active [-]
 
 
 def torque_bound(model: RobotModel, q: Vector, direction: Vector, duration: float) -> float:
-    """Largest push of ``duration`` [s] along a horizontal unit vector in W (3,), from rest at ``q``, no step [N]."""
+    """Return the largest push [N] of ``duration`` [s] along a horizontal unit vector in W (3,), at rest, no step."""
     data = model.data()
     pin.framesForwardKinematics(model.pin, data, q)
     sole = np.mean([data.oMf[foot.frame_id].translation[2] for foot in model.feet])
@@ -90,7 +90,7 @@ def torque_bound(model: RobotModel, q: Vector, direction: Vector, duration: floa
 
 
 def static_force(model: RobotModel, q: Vector, direction: Vector, tau_max: Vector) -> float:
-    """Largest force along a horizontal unit vector in W at the CoM at rest [N]; ``PoiseError`` if it cannot stand."""
+    """Return the largest force [N] on the CoM at rest along a horizontal unit vector in W; ``PoiseError`` without one."""
     gravity, contact, com = _terms(model, q)
     pulled = com.T @ direction  # (nv,)
     maps = np.column_stack((contact.T, pulled))  # (nv, 13)
@@ -116,7 +116,7 @@ def static_force(model: RobotModel, q: Vector, direction: Vector, tau_max: Vecto
 
 
 def _terms(model: RobotModel, q: Vector) -> tuple[Vector, Matrix, Matrix]:
-    """Gravity (nv,), Jacobians of both soles in their frames (12, nv), Jacobian of the CoM in the world (3, nv)."""
+    """Return gravity (nv,), Jacobians of both soles in their frames (12, nv), Jacobian of the CoM in W (3, nv)."""
     data = model.data()
     gravity = np.array(pin.computeGeneralizedGravity(model.pin, data, q))
     pin.computeJointJacobians(model.pin, data, q)
@@ -128,7 +128,7 @@ def _terms(model: RobotModel, q: Vector) -> tuple[Vector, Matrix, Matrix]:
 
 
 def _cones(model: RobotModel) -> tuple[Matrix, Vector]:
-    """Rows ``G w <= h`` of both soles' wrenches (2 (ROWS + 1), 12)."""
+    """Return the rows ``G w <= h`` of the wrenches of both soles (2 (ROWS + 1), 12)."""
     weight = model.mass * GRAVITY
     rows, upper = [], []
     for index, foot in enumerate(model.feet):

@@ -1,9 +1,9 @@
-"""Largest push that a robot takes with steps, standing or walking, beside the bounds of ankles and of N steps.
+"""Largest push that a robot survives with steps, standing or walking, compared with ankle and N-step bounds.
 
-The figure of a direction is the largest push that it takes at every moment tried (phases of the stride; standing,
-seeds): a bisection on all of them at once. Every controller is scored by the true state alone: a push is taken when the
-robot does not fall, its legs do not touch, and in the end it keeps its place, also with steps, or walks on. The stride
-is that between two touchdowns of the true left foot.
+The result of a direction is the largest push that the robot survives at every tested moment (phases of the stride;
+seeds if it stands), from one bisection over all moments. All controllers are judged by the true state only. A push is
+survived if the robot does not fall, its legs do not touch, and at the end it stays in place, possibly with steps, or
+walks on. The stride is the time between two touchdowns of the true left foot.
 """
 
 import math
@@ -35,7 +35,7 @@ from planners.gait.scaling import load_gait_config
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Required:
-    """Impulse over mass that passes, or is the goal, of all directions [m/s]."""
+    """Impulse over mass that passes, or is the goal, over all directions [m/s]."""
 
     smallest: Positive
     median: Positive
@@ -43,7 +43,7 @@ class Required:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class PushMapConfig:
-    """The push test with steps; the unit of every value stands in ``benchmarks/config/push_map.yaml``."""
+    """Settings of the push test with steps; the units are in ``benchmarks/config/push_map.yaml``."""
 
     body: str
     directions: dict[PushMode, Count]
@@ -75,18 +75,18 @@ class PushMapConfig:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One push without its size."""
+    """Push without its size."""
 
     mode: PushMode
     seed: int
-    phase: int  #: Of the stride, out of ``phases``; added to the seed of a robot that stands
-    angle: float  #: Heading from the robot's [rad]
-    speed: float | None = None  #: Of a walk [m/s]; ``walk_speed`` when None
+    phase: int  #: Phase of the stride, out of ``phases``; added to the seed if the robot stands
+    angle: float  #: Heading relative to the robot [rad]
+    speed: float | None = None  #: Walking speed [m/s]; ``walk_speed`` when None
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Why a push was not taken (empty when it was), and the simulated time of the push [s]."""
+    """Reason of a failure (empty if the robot survived), and simulated time of the push [s]."""
 
     reason: str
     pushed: float
@@ -98,7 +98,7 @@ LEFT = 0  #: Foot whose touchdowns time the push
 
 @cache
 def loop_of(robot: str, contender: str = "") -> ClosedLoop:
-    """One closed loop for every push of this process; ``reset`` starts it over as a new one would."""
+    """Return the closed loop for all pushes of this process; ``reset`` makes it equivalent to a new loop."""
     if contender:
         return ContenderLoop(contender, robot)
     return ClosedLoop(robot=robot, record_period_s=map_config().record_period)
@@ -108,7 +108,7 @@ legs_of = lru_cache(maxsize=2)(LegContact)
 
 
 def prepare(loop: ClosedLoop, trial: Trial) -> None:
-    """Bring a robot to the moment of its push; ``PoiseError`` when it falls, or does not walk, without one."""
+    """Bring a robot to the moment of its push; ``PoiseError`` if it falls or does not walk before it."""
     config, standing = map_config(), trial.mode is not PushMode.WALK
     loop.reset(trial.seed + (trial.phase if standing else 0))
     if trial.mode is not PushMode.CATCH:
@@ -123,7 +123,7 @@ def prepare(loop: ClosedLoop, trial: Trial) -> None:
 
 
 def wait_touchdown(loop: ClosedLoop) -> float:
-    """Run until the true left foot lands [s]; ``PoiseError`` when the robot falls, or does not step in time."""
+    """Run until the true left foot lands; returns the time [s]. ``PoiseError`` after a fall or without a step."""
     config = map_config()
     load = config.touchdown_load * loop.robot.mass * GRAVITY
     end, lifted = loop.t + config.stride_max, loop.t
@@ -137,7 +137,7 @@ def wait_touchdown(loop: ClosedLoop) -> float:
 
 
 def survives(loop: ClosedLoop, trial: Trial, dv: float) -> Outcome:
-    """Push once, by an impulse over mass ``dv`` [m/s], a robot from ``prepare``."""
+    """Push a robot from ``prepare`` once with an impulse over mass ``dv`` [m/s]."""
     config, legs, pushed = map_config(), legs_of(loop.robot), loop.t
     angle = heading(*loop.truth.q[3:7]) + trial.angle
     force = loop.robot.mass * dv / config.duration
@@ -158,7 +158,7 @@ LEGS_TOUCH = "legs touch"  #: Beginning of the reason
 
 
 def _ending(trial: Trial, places: Matrix) -> str:
-    """Why a robot with these places of its base (n, 2) [m] has not recovered; empty when it has."""
+    """Return why a robot with these base positions (n, 2) [m] has not recovered; empty if it has."""
     config, walks = map_config(), trial.mode is PushMode.WALK
     window = config.walk_window if walks else config.rest_window
     ways = np.linalg.norm(places[-1] - places[-1 - round(window / config.check_period) :], axis=1)
@@ -169,11 +169,11 @@ def _ending(trial: Trial, places: Matrix) -> str:
 
 
 def moments(loop: ClosedLoop, outcome: Outcome) -> Case:
-    """What explains how a push ended, from shortly before it on; see ``moments_since``. Empty for a contender."""
+    """Return ``moments_since`` shortly before the push; empty for a contender."""
     return {} if isinstance(loop, ContenderLoop) else moments_since(loop, outcome.pushed - map_config().lead)
 
 
-#: What the figures are, for the reader of the table
+#: Explanation of the figures below the table
 MEANING = (
     "dv: impulse over mass [m/s] that is taken in every phase, impulse in [N.s]; ankle and steps: what a linear "
     "pendulum takes without and with steps"
@@ -181,9 +181,9 @@ MEANING = (
 
 
 def bounds(loop: ClosedLoop, trial: Trial) -> dict[str, float]:
-    """Impulses over mass ``ankle_dv`` and ``steps_dv`` that the pendulum takes [m/s]; 0 with the DCM past the edge.
+    """Return the pendulum bounds ``ankle_dv`` and ``steps_dv``, impulse over mass [m/s]; 0 if the DCM is past the edge.
 
-    The robot is from ``prepare``; reach and step time are those of poise's gait for it, whoever controls it.
+    The robot is from ``prepare``. Reach and step time are those of poise's gait, for every controller.
     """
     config = map_config()
     angle = heading(*loop.truth.q[3:7]) + trial.angle
@@ -205,10 +205,10 @@ def bounds(loop: ClosedLoop, trial: Trial) -> dict[str, float]:
 
 
 def measure(robot: str, mode: str, seed: int, angle: float, contender: str = "", size: float = 0.0) -> Case:
-    """Bisect the push in one direction, from the robot's heading [rad]; ``reason`` is that of ``failed_dv``.
+    """Bisect the push along a heading relative to the robot [rad]; ``reason`` belongs to ``failed_dv``.
 
-    With a ``size`` [m/s] only that one is tried, at every moment; ``dv`` is that size when all are taken, else 0.
-    A robot that is not ready for the push at every moment takes none.
+    With ``size`` [m/s] only this push is tried, at every moment; ``dv`` is the size if all are survived, else 0.
+    The result is 0 if the robot is not ready for the push at some moment.
     """
     config, loop = map_config(), loop_of(robot, contender)
     trials = [Trial(PushMode(mode), seed, phase, angle) for phase in range(config.phases[PushMode(mode)])]
@@ -224,7 +224,7 @@ def measure(robot: str, mode: str, seed: int, angle: float, contender: str = "",
         return not outcome.reason
 
     def holds(dv: float) -> bool:
-        # The moment that failed last is the likeliest to fail again.
+        # Start with the moment that failed last, because it is the most likely to fail again.
         return all(takes(trial, dv) for trial in sorted(trials, key=lambda each: each.phase != failed["failed_phase"]))
 
     for trial in trials:
@@ -254,7 +254,7 @@ def measure(robot: str, mode: str, seed: int, angle: float, contender: str = "",
 
 
 def summarise(results: list[Case]) -> dict[str, float]:
-    """Figures over the directions, each the smallest of its seeds and phases; ``legs_touched`` counts directions."""
+    """Compute figures over directions from the smallest values of seeds and phases; ``legs_touched``: directions."""
     angles = sorted({case["angle"] for case in results})
     dv = np.array([min(case["dv"] for case in results if case["angle"] == angle) for angle in angles])
     figures = {
@@ -270,7 +270,7 @@ def summarise(results: list[Case]) -> dict[str, float]:
         figures["directions_taken"] = float((dv > 0.0).sum())
     for bound in ("ankle", "steps"):
         limits = np.array([min(case[f"{bound}_dv"] for case in results if case["angle"] == angle) for angle in angles])
-        # Not where the DCM was beyond the edge already; where no push is taken the ratio is 0.
+        # Excluded if the DCM was beyond the edge; the ratio is 0 if no push was survived.
         shown = (limits > 0.0) | (dv == 0.0)
         of_bound = dv[shown] / np.where(limits > 0.0, limits, 1.0)[shown]
         figures[f"ratio_to_{bound}_bound_min"] = float(of_bound.min()) if len(of_bound) else math.nan
@@ -279,7 +279,7 @@ def summarise(results: list[Case]) -> dict[str, float]:
 
 
 def case_lines(results: list[Case]) -> list[str]:
-    """One line a direction and seed: what it takes, and how the next larger push that was tried failed."""
+    """Return a line per direction and seed: survived push, and failure of the next larger push that was tried."""
     head = f"{'pushed':<14}{'seed':>5}{'m/s':>7}{'N.s':>6}   not taken"
     return [head] + [
         f"{direction_name(case['angle']):<14}{case['seed']:>5}{case['dv']:7.2f}{case['impulse']:6.1f}   "
@@ -289,7 +289,7 @@ def case_lines(results: list[Case]) -> list[str]:
 
 
 def push_map(report: Report) -> PushMap:
-    """The map of what ``run`` found."""
+    """Return the map of a report."""
     mode, config = PushMode(report.bench.removeprefix("push_")), map_config()
     lines = (
         ("steps_dv", f"{config.bound_steps}-step capturability bound", {"color": "0.35", "linestyle": ":"}),
@@ -309,13 +309,13 @@ def push_map(report: Report) -> PushMap:
 
 
 class PushWithSteps(Benchmark):
-    """Bisect the push in every direction, or in those chosen, for every seed; one mode a report."""
+    """Bisect the push in every direction, or in the selected ones, for every seed; one mode per report."""
 
     measure = staticmethod(measure)
 
     @property
     def mode(self) -> PushMode:
-        """Whether the robot stands or walks."""
+        """Task of the robot, from the name of the report."""
         return PushMode(self.name.removeprefix("push_"))
 
     def cases(self, options: Options) -> list[Case]:
@@ -340,7 +340,7 @@ class PushWithSteps(Benchmark):
         return [MEANING, *case_lines(report.cases), *super().notes(report)]
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        case = min(report.cases, key=lambda case: (case["dv"], case["angle"]))  # the smallest push not taken
+        case = min(report.cases, key=lambda case: (case["dv"], case["angle"]))  # the smallest failed push
         name = f"{self.mode.value}-{report.stem}"
         files = [draw_map(report, push_map(report), case_lines(report.cases), folder / f"push-map-{name}.png")]
         if case["moments"]:

@@ -1,7 +1,7 @@
-"""A picture of robots that walk, one in each field, drawn by MuJoCo without a display.
+"""Picture of walking robots in a grid, rendered by MuJoCo without a display.
 
-Run as ``python -m benchmarks.stability.robot_pictures PICTURE ROBOT...`` in a separate process, with names of robots as
-in ``benchmarks/stability/robots.py``: broken OpenGL libraries end the process that loads them.
+Run it as ``python -m benchmarks.stability.robot_pictures PICTURE ROBOT...``, with names of robots as in
+``benchmarks/stability/robots.py``. It is a separate process because broken OpenGL libraries end the process.
 """
 
 import math
@@ -15,16 +15,16 @@ from benchmarks.stability.robots import GENERATED, walking_loop
 from bridge.record.render import portrait
 from planners.gait.state import GaitPhase
 
-COLUMNS = 7  #: Robots side by side [-]
+COLUMNS = 7  #: Number of columns [-]
 SIZE = (190, 270)  #: Width and height of one field [pixel]
-SPEED = 0.25  #: Over that at which the gait is fast [-]
-WALK = 3.0  #: Time for which a robot walks before it is drawn [s]
-PART = 0.6  #: Of its step in which it is drawn [-]
-PERIOD = 0.01  #: Between two looks at the step [s]
+SPEED = 0.25  #: Walking speed over the speed at which the gait is fast [-]
+WALK = 3.0  #: Walking time before the picture [s]
+PART = 0.6  #: Fraction of the step at which the picture is taken [-]
+PERIOD = 0.01  #: Period of the check of the step [s]
 
 
 def walking_robot(name: str, size: tuple[int, int] = SIZE) -> Any:
-    """A picture (PIL) of a robot that walks ahead, in the middle of a step; ``PoiseError`` when it falls."""
+    """Return a picture (PIL) of a robot that walks ahead, in the middle of a step; ``PoiseError`` if it falls."""
     with tempfile.TemporaryDirectory() as folder:
         loop = walking_loop(name, Path(folder))
         start_walk(loop, min(SPEED * loop.gait.config.pace.forward, loop.gait.config.velocity.forward), 0.0, 0.0)
@@ -37,13 +37,13 @@ def walking_robot(name: str, size: tuple[int, int] = SIZE) -> Any:
 
 
 def label(name: str) -> str:
-    """The file without its folders, or the kind of a generated robot."""
+    """Return the file name without folders, or the kind of a generated robot."""
     kind = name.removeprefix(GENERATED)
     return Path(kind).stem if "/" in kind else kind
 
 
 def sheet(names: list[str], picture: Path) -> None:
-    """Draw every robot of a list into one picture."""
+    """Draw all robots of a list into one picture."""
     from PIL import Image
 
     columns = min(COLUMNS, len(names))

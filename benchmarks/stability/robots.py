@@ -1,7 +1,7 @@
-"""Robots from their files alone: what ``poise check-robot`` finds of every humanoid at hand, and longer runs of them.
+"""Robots from their files only: results of ``poise check-robot`` for all available humanoids, and longer runs.
 
-The humanoids are the files of the installed packages and the generated ones of ``benchmarks/stability/humanoids.py``.
-Files of other robots are refused, and counted; of the generated ones none may be.
+The humanoids are files of installed packages and the generated robots of ``benchmarks/stability/humanoids.py``. Files
+of other robots are refused and counted; no generated robot may be refused.
 """
 
 import math
@@ -31,13 +31,13 @@ from models.types import Mode, Velocity
 from planners.gait.strength import STANDSTILL
 from planners.whole_body_ik import arms
 
-GENERATED = "generated: "  #: Begin of the name of a generated robot
-_PARTS = 3  #: Last parts of a path that name a file: package, folder, file
+GENERATED = "generated: "  #: Prefix of the name of a generated robot
+_PARTS = 3  #: Number of trailing path components in a name: package, folder, file
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class RobotsConfig:
-    """The runs; the unit of every value stands in ``benchmarks/config/robots.yaml``."""
+    """Settings of the runs; the units are in ``benchmarks/config/robots.yaml``."""
 
     usual: tuple[str, ...]
     stand_time: Positive
@@ -57,7 +57,7 @@ _config = partial(settings, RobotsConfig, "robots")
 
 @cache
 def robot_files() -> dict[str, Path]:
-    """URDF and MJCF files of the installed packages, by the last parts of their paths, sorted."""
+    """Return URDF and MJCF files of the installed packages by the trailing components of their paths, sorted."""
     found = {}
     for root in map(Path, site.getsitepackages()):
         for path in (*root.rglob("*.urdf"), *(each for each in root.rglob("*.xml") if _is_mjcf(each))):
@@ -70,14 +70,14 @@ def _is_mjcf(path: Path) -> bool:
 
 
 def write_robot(name: str, folder: Path) -> Path:
-    """The file of a robot by its name in the cases, a generated one written to a folder."""
+    """Return the file of a robot by its name in the cases; a generated robot is written to the folder."""
     if name.startswith(GENERATED):
         return KINDS[name.removeprefix(GENERATED)].write(folder)
     return robot_files()[name]
 
 
 def check(robot: str, seed: int) -> Case:
-    """Verdict of one robot: its ``trials`` and ``findings`` in words, or why it was ``refused``."""
+    """Check one robot: ``trials`` and ``limits`` as text, or why it was ``refused``."""
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -104,7 +104,7 @@ def _failures(verdict: Verdict) -> list[str]:
 
 
 def run_trial(robot: str, trial: str, seed: int) -> Case:
-    """One long run: whether it ``passed``, and how it ended in words."""
+    """Run one long trial: whether it ``passed``, and its ``reason`` or result as text."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             return {"passed": True, "reason": _RUNS[trial](walking_loop(robot, Path(folder), seed), seed)}
@@ -113,7 +113,7 @@ def run_trial(robot: str, trial: str, seed: int) -> Case:
 
 
 def walking_loop(robot: str, folder: Path, seed: int = 0) -> ClosedLoop:
-    """A packaged robot, or one with the profile that is proposed for its file."""
+    """Return the loop of a packaged robot, or of a robot file with its proposed profile."""
     if robot in robot_names():
         return ClosedLoop(robot, seed=seed, record=False)
     from bridge.check_robot import propose_profile
@@ -168,10 +168,10 @@ def _walk(loop: ClosedLoop, seed: int, *, share: tuple[float, float, float]) -> 
 
 
 def check_progress(gone: Velocity, velocity: Velocity) -> str:
-    """The way gone along x and y [m] and about z [rad] from the start; ``PoiseError`` for too little as commanded."""
+    """Return the displacement x, y [m] and yaw [rad] as text; ``PoiseError`` if less than required by the command."""
     config = _config()
     asked = config.walk_time * np.array(velocity)
-    for part in (slice(2), slice(2, 3)):  # the walked way along the commanded one, and the turn
+    for part in (slice(2), slice(2, 3)):  # component of the displacement along the command, and the turn
         if np.dot(gone[part], asked[part]) < config.progress * np.dot(asked[part], asked[part]):
             x, y, yaw = asked
             raise PoiseError(
@@ -181,7 +181,7 @@ def check_progress(gone: Velocity, velocity: Velocity) -> str:
 
 
 def _rest(loop: ClosedLoop) -> None:
-    """Run for a pause; ``PoiseError`` unless the robot then stands."""
+    """Run for a pause; ``PoiseError`` if the robot does not stand afterwards."""
     advance(loop, _config().pause)
     if loop.mode is not Mode.STAND:
         raise PoiseError(f"mode '{loop.mode.value}' {_config().pause:g} s later; {'; '.join(loop.faults)}")
@@ -195,12 +195,12 @@ _RUNS: dict[str, Callable[[ClosedLoop, int], str]] = {
 
 
 def measure(robot: str, seed: int, trial: str = "") -> Case:
-    """A long run, or the verdict without one."""
+    """Run a long trial, or check the robot without one."""
     return run_trial(robot, trial, seed) if trial else check(robot, seed)
 
 
 class Robots(Benchmark):
-    """Every robot once a seed, or every run of the chosen ones."""
+    """All robots once per seed, or all long runs of the selected robots."""
 
     measure = staticmethod(measure)
 
@@ -209,7 +209,7 @@ class Robots(Benchmark):
         self._long = name == "robots_trials"
 
     def cases(self, options: Options) -> list[Case]:
-        """``ConfigError`` lists the robots, or refuses another ``robot`` than the default: scenarios choose here."""
+        """Return the cases; ``ConfigError`` for an unknown scenario, or with ``robot``: scenarios select robots."""
         if options.robot != Options().robot:
             raise ConfigError(f"bench robots is of no single --robot; choose with --scenario '{options.robot}'")
         found = [*robot_files(), *(GENERATED + kind for kind in KINDS)]
@@ -219,7 +219,7 @@ class Robots(Benchmark):
         return [{"robot": name, **run, "seed": seed} for name in names for run in runs for seed in seeds]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """How many robots do what, or how many runs passed."""
+        """Return the number of robots by passed trial, or the number of passed runs."""
         if self._long:
             shares: dict[str, list[bool]] = {}
             for case in cases:
@@ -234,7 +234,7 @@ class Robots(Benchmark):
         return {**counts, **done, "walk_share": share, "time_max_s": slowest}
 
     def notes(self, report: Report) -> list[str]:
-        """The runs that failed, or the table."""
+        """Return the failed runs, or the table."""
         failed = [
             f"{case['robot']}, {case['trial']}, seed {case['seed']}: {case['reason']}"
             for case in report.cases
@@ -243,9 +243,9 @@ class Robots(Benchmark):
         return [*super().notes(report), *failed] if self._long else rows(report.cases)
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Write the table of the robots with a picture of those that walk, or the table of the runs, as Markdown."""
+        """Write the Markdown table of the robots with a picture of those that walk, or the table of the runs."""
         return write_page(report.cases, folder, long=self._long)
 
     def survived(self, case: Case) -> tuple[str, bool] | None:
-        """By robot, in the long runs."""
+        """Return the outcome by robot, for the long runs."""
         return (case["robot"], case["passed"]) if self._long else None

@@ -1,4 +1,4 @@
-"""The page of the robots: a table of what each one does, with a picture of those that walk, and one of long runs."""
+"""Markdown pages of the robots: results of each robot with a picture of those that walk, and long runs."""
 
 import re
 import warnings
@@ -8,9 +8,9 @@ from typing import Any
 from benchmarks.core.harness import Case
 from bridge.record.render import run_renderer
 
-TABLE, RUNS, PICTURE = "robots_table.md", "robots_trials.md", "img/robots.jpg"  #: Files that page and picture go into
-TRIALS = ("stand", "squat", "wave", "walk", "push")  #: Of ``poise check-robot``
-PICTURE_TIME = 60.0  #: Longest time that the picture of one robot takes [s]
+TABLE, RUNS, PICTURE = "robots_table.md", "robots_trials.md", "img/robots.jpg"  #: Files of the pages and of the picture
+TRIALS = ("stand", "squat", "wave", "walk", "push")  #: Trials of ``poise check-robot``
+PICTURE_TIME = 60.0  #: Maximum time for the picture of one robot [s]
 _HEAD = ("robot", "mass", "legs", *TRIALS, "verdict after", "what limits it")
 _TABLE_TEXT = f"""\
 # Robots from their files alone
@@ -32,7 +32,7 @@ Runs that ended as they should, of those with every seed, written by `poise benc
 
 
 def write_page(cases: list[Case], folder: Path, *, long: bool) -> list[Path]:
-    """Write the page of the robots and its picture, or that of ``long`` runs, in Markdown; returns the files."""
+    """Write the page of the robots and its picture, or the page of ``long`` runs; returns the files."""
     file = folder / (RUNS if long else TABLE)
     lines = trial_rows(cases) if long else rows(cases)
     file.write_text((_RUNS_TEXT if long else _TABLE_TEXT) + "\n".join(lines) + "\n", encoding="utf-8")
@@ -40,7 +40,7 @@ def write_page(cases: list[Case], folder: Path, *, long: bool) -> list[Path]:
 
 
 def _draw(cases: list[Case], picture: Path) -> list[Path]:
-    """The picture of the robots that walk; without one, a warning that says why."""
+    """Draw the picture of the robots that walk; warns with the reason if there is none."""
     names = [case["robot"] for case in cases if case.get("trials", {}).get("walk", [False])[0]]
     picture.parent.mkdir(parents=True, exist_ok=True)
     module, timeout = "benchmarks.stability.robot_pictures", PICTURE_TIME * len(names)
@@ -51,7 +51,7 @@ def _draw(cases: list[Case], picture: Path) -> list[Path]:
 
 
 def rows(cases: list[Case]) -> list[str]:
-    """The table in Markdown, and below it the files without two legs to stand on."""
+    """Return the table of the robots, followed by the refused files."""
     tried, lines = [case for case in cases if "trials" in case], _table(_HEAD)
     for case in tried:
         trials: dict[str, Any] = case["trials"]
@@ -62,7 +62,7 @@ def rows(cases: list[Case]) -> list[str]:
         limits = "; ".join(case["limits"]).replace("|", "/")
         cells = name, f"{case['mass']:.0f} kg", f"{case['legs']} joints", *words, f"{case['time']:.0f} s", limits
         lines.append(f"| {' | '.join(cells)} |")
-    refused: dict[str, list[str]] = {}  # by the reason, whatever the names in it
+    refused: dict[str, list[str]] = {}  # by reason, without the quoted names
     for case in (case for case in cases if "refused" in case):
         refused.setdefault(re.sub(r"'[^']*'", "...", case["refused"]), []).append(f"`{case['robot']}`")
     names = [f"- {reason}: {', '.join(names)}" for reason, names in refused.items()]
@@ -70,7 +70,7 @@ def rows(cases: list[Case]) -> list[str]:
 
 
 def trial_rows(cases: list[Case]) -> list[str]:
-    """The table of the long runs in Markdown."""
+    """Return the table of the long runs."""
     names = list(dict.fromkeys(case["trial"] for case in cases))
     lines = _table(("robot", *names, "all", "what ended the others"))
     for robot in dict.fromkeys(case["robot"] for case in cases):
@@ -90,7 +90,7 @@ def _table(head: tuple[str, ...]) -> list[str]:
 
 
 def _word(trial: list[Any]) -> str:
-    """A trial in a cell: its first figure, or that it failed."""
+    """Return the text of a trial in a cell: its first figure, or 'no' if it failed."""
     passed, detail = trial
     figure = detail.partition(", ")[0]
     return figure.partition(": ")[2] or figure if passed else "no"

@@ -1,4 +1,4 @@
-"""The laws on a robot that differs from their model, through the drivers, start and protocol of a real one."""
+"""Control of a robot that differs from the model of the laws, through drivers, start and protocol of a real robot."""
 
 from functools import partial
 from pathlib import Path
@@ -18,21 +18,21 @@ from models.errors import ConfigError, PoiseError
 from models.heading import heading, turned
 from models.types import Mode, Vector
 
-PERIOD = 0.1  #: Between two looks at the robot [s]
+PERIOD = 0.1  #: Period of the checks of the robot [s]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Condition:
-    """How the simulated robot differs from the model of the laws."""
+    """Differences of the simulated robot from the model of the laws."""
 
     deviation: Deviation | None = None
-    delay: Count | None = None  #: From a state to its command in force; that of all conditions when None [ms]
-    laws: str | None = None  #: Profile of the laws; that of all conditions when None
+    delay: Count | None = None  #: Delay from a state to the effect of its command; the common value when None [ms]
+    laws: str | None = None  #: Profile of the laws; the common profile when None
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Sim2simConfig:
-    """The test; the unit of every value stands in ``benchmarks/config/sim2sim.yaml``."""
+    """Settings of the test; the units are in ``benchmarks/config/sim2sim.yaml``."""
 
     first_seed: int
     laws: dict[str, str]
@@ -55,19 +55,19 @@ _config = partial(settings, Sim2simConfig, "sim2sim")
 
 
 def conditions() -> dict[str, Condition]:
-    """Conditions by name."""
+    """Return the conditions by name."""
     return _config().conditions
 
 
 class Trial:
-    """The phases of a run: start, stand, motion, walk, stop. ``outcome`` holds what was measured so far."""
+    """Phases of a run: start, stand, motion, walk, stop. ``outcome`` has the results so far."""
 
     def __init__(self, loop: HardwareLoop, config: Sim2simConfig) -> None:
         self.loop, self._config = loop, config
         self.outcome: Case = {"distance": 0.0, "drift": float("nan"), "odometry": float("nan"), "aside": float("nan")}
 
     def run(self) -> None:
-        """Run the phases; ``PoiseError`` when the robot falls, is damped, or needs too long."""
+        """Run the phases; ``PoiseError`` when the robot falls, is damped, or exceeds a time limit."""
         loop, config = self.loop, self._config
         self._enter("start")
         loop.start()
@@ -129,7 +129,7 @@ class Trial:
 
 
 def measure(robot: str, seed: int, scenario: str) -> Case:
-    """Start, stand, wave, walk and stop under one condition; ``moments`` of a failed run."""
+    """Start, stand, wave, walk and stop under one condition; a failed run has ``moments``."""
     config = _config()
     if robot not in config.laws:
         raise ConfigError(f"bench sim2sim: no laws for robot '{robot}'; known: {', '.join(config.laws)}")
@@ -155,15 +155,15 @@ def measure(robot: str, seed: int, scenario: str) -> Case:
 
 
 class Sim2sim(SurvivalBenchmark):
-    """Each condition, or those chosen, once a seed."""
+    """All conditions, or the selected ones, once per seed."""
 
     measure = staticmethod(measure)
     required_share, usual, first_seed = _config().required_share, _config().conditions, _config().first_seed
 
     def further(self, name: str, cases: list[Case]) -> dict[str, float]:
-        """The mean ``distance_`` [m].
+        """Return the mean ``distance_`` [m].
 
-        Of the runs that survived the largest ``drift_`` of the standing robot [m] and the largest error of the
+        For the runs that survived also the largest ``drift_`` of the standing robot [m] and the largest error of the
         ``odometry_`` over the distance [-].
         """
         figures = {f"distance_{name}_m": float(np.mean([case["distance"] for case in cases]))}

@@ -1,6 +1,6 @@
-"""One script for a robot behind Unitree's own SDK in another process, and for the simulated plant, in real time.
+"""One script in real time for a robot behind Unitree's SDK in another process, and for the simulated plant.
 
-The script is ``benchmarks/graph/robot_script.py``, which runs as a process: behind the SDK in a network of its own.
+The script ``benchmarks/graph/robot_script.py`` runs as a process; with the SDK, in a separate network.
 """
 
 import json
@@ -29,16 +29,16 @@ SCRIPT = "benchmarks.graph.robot_script"
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Scenario:
-    """The robot's side."""
+    """Robot side of a case."""
 
-    sdk: bool  #: Whether it is behind Unitree's SDK; the simulated plant otherwise
-    condition: str  #: Difference of the robot from the model, one of ``sim2sim``
-    speed: Share  #: Of the robot's time over real time [-]
+    sdk: bool  #: Whether the robot is behind Unitree's SDK; otherwise the simulated plant is used
+    condition: str  #: Difference of the robot from the model, a condition of ``sim2sim``
+    speed: Share  #: Speed of the robot's time over real time [-]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Sim2simSdkConfig:
-    """The test; the unit of every value stands in ``benchmarks/config/sim2sim_sdk.yaml``."""
+    """Settings of the test; the units are in ``benchmarks/config/sim2sim_sdk.yaml``."""
 
     first_seed: NonNegativeInt
     script: dict[str, Any]
@@ -55,14 +55,14 @@ config = partial(settings, Sim2simSdkConfig, "sim2sim_sdk")
 
 
 def check_sdk() -> None:
-    """``Unavailable`` names what this machine lacks for a robot behind Unitree's SDK."""
+    """Raise ``Unavailable`` if this machine lacks a requirement of a robot behind Unitree's SDK."""
     if find_spec("unitree_interface") is None:
         raise Unavailable("Unitree's SDK is not installed: pip install far-unitree-sdk")
     isolation()
 
 
 def run_script(run: dict[str, Any], folder: Path, timeout: float) -> dict[str, Any]:
-    """Run ``robot_script`` with a ``Run``; returns its ``Measured``. Errors as ``check_sdk`` and ``run_program``."""
+    """Run ``robot_script`` with a ``Run``; returns its ``Measured``. Errors of ``check_sdk`` and ``run_program``."""
     command: tuple[str, ...] = ()
     if run["sdk"]:
         check_sdk()
@@ -74,7 +74,7 @@ def run_script(run: dict[str, Any], folder: Path, timeout: float) -> dict[str, A
 
 
 def run_of(robot: str, seed: int, scenario: str) -> dict[str, Any]:
-    """The ``Run`` of a scenario."""
+    """Return the ``Run`` of a scenario."""
     test = config()
     given = test.scenarios[scenario]
     condition = conditions()[given.condition]
@@ -86,7 +86,7 @@ def run_of(robot: str, seed: int, scenario: str) -> dict[str, Any]:
 
 
 def measure(robot: str, seed: int, scenario: str) -> Case:
-    """Run the script once; ``reason`` says why the robot did not come through, or why the case could not be run."""
+    """Run the script once; ``reason`` says why the robot failed, or why the case could not be run."""
     try:
         with TemporaryDirectory(prefix="poise_sim2sim_") as folder:
             return judged(run_script(run_of(robot, seed, scenario), Path(folder), config().limit))
@@ -97,7 +97,7 @@ def measure(robot: str, seed: int, scenario: str) -> Case:
 
 
 def judged(found: dict[str, Any]) -> Case:
-    """Figures of the results of a script, and whether the robot ``survived``: no failure, and on its feet each time."""
+    """Return figures of a script's results, and whether the robot ``survived``: no failure, upright after each push."""
     case: Case = {"phase": found["phase"], "stalls": found["stalls"], "answer_ms": found["answer_ms"]}
     if found["drift"] is not None:
         case["drift"] = float(np.abs(found["drift"]).max())
@@ -113,14 +113,14 @@ def judged(found: dict[str, Any]) -> Case:
         case["stop"] = float(found["stop_ms"])
         if found["kp"] or not found["kd"]:
             reasons.append(f"the stop left kp {found['kp']:g}, kd {found['kd']:g}: no damping")
-    elif found["phase"] == "stop" and not found["failure"]:  # the script of the simulated plant ends with the walk
+    elif found["phase"] == "stop" and not found["failure"]:  # with the simulated plant the script ends with the walk
         reasons.append("no damping command received")
     case["reason"] = "; ".join(filter(None, reasons))
     return case | {"survived": not case["reason"]}
 
 
 class Sim2simSdk(Benchmark):
-    """Each side, or those chosen, once a seed; one after the other, since they run in real time."""
+    """Both sides, or the selected ones, once per seed; one after another because they run in real time."""
 
     measure = staticmethod(measure)
     alone = True
@@ -137,10 +137,10 @@ class Sim2simSdk(Benchmark):
         ]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Of each side ``survived_`` of ``total_`` runs, those that could not be run included.
+        """Return ``survived_`` and ``total_`` runs of each scenario, including runs that could not be run.
 
-        Of the measured ones the worst: ``drift_`` of an axis [m], ``walked_`` distance [m], error of the ``odometry_``
-        at the end of the walk over its distance [-], ``stop_`` and ``answer_`` [ms].
+        Worst values of the measured runs: ``drift_`` of an axis [m], ``walked_`` distance [m], error of the
+        ``odometry_`` at the end of the walk over its distance [-], ``stop_`` and ``answer_`` [ms].
         """
         figures: dict[str, float] = {}
         for name, of in by_scenario(cases).items():

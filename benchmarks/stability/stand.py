@@ -1,4 +1,4 @@
-"""A minute of quiet standing, start included, and motions while pushed: every seed must hold every bound."""
+"""One minute of quiet standing, including the start, and motions while pushed; every seed must hold every bound."""
 
 import math
 from functools import cache, partial
@@ -17,7 +17,7 @@ from models.types import Mode
 
 @schema(frozen=True, slots=True, config=STRICT)
 class StandConfig:
-    """The standing test; the unit of every value stands in ``benchmarks/config/stand.yaml``."""
+    """Settings of the standing test; the units are in ``benchmarks/config/stand.yaml``."""
 
     duration: Positive
     start_time: Positive
@@ -35,7 +35,7 @@ class StandConfig:
 
 _config = partial(settings, StandConfig, "stand")
 
-#: Figure of the worst seed, by bounded quantity of a case
+#: Figure of the worst seed, by quantity of a case
 FIGURES = {
     "com_drift": "com_drift_max_m",
     "foot_slide": "foot_slide_max_m",
@@ -58,7 +58,7 @@ def _loop(robot: str, record: bool) -> ClosedLoop:
 
 
 def stand(robot: str, seed: int) -> Case:
-    """Release a robot and let it stand; ``ok`` when it does not fall and all bounds hold."""
+    """Release a robot and let it stand; ``ok`` if it does not fall and all bounds hold."""
     config, loop = _config(), _loop(robot, True)
     loop.reset(seed)
     model, log = loop.robot, loop.log
@@ -91,7 +91,7 @@ def stand(robot: str, seed: int) -> Case:
 
 
 def motion(robot: str, seed: int, motion: str, angle: float) -> Case:
-    """Push a robot in a motion at a time drawn by the seed, towards ``angle`` in W [rad]; ``ok`` without ``reason``."""
+    """Push a robot in a motion, at a time drawn by the seed, along ``angle`` in W [rad]; ``ok`` without ``reason``."""
     config, push, loop = _config(), _push_config(), _loop(robot, False)
     direction = np.array([math.cos(angle), math.sin(angle), 0.0])
     loop.reset(seed)
@@ -131,7 +131,7 @@ def motion(robot: str, seed: int, motion: str, angle: float) -> Case:
 
 @cache
 def _motion_duration(robot: str, name: str) -> float:
-    """Duration of a motion from the standing posture [s]."""
+    """Return the duration of a motion from the standing posture [s]."""
     from planners.motion import MotionPlanner
 
     model = _loop(robot, False).robot
@@ -143,7 +143,7 @@ def _measure(kind: str, **inputs: Any) -> Case:
 
 
 class Stand(Benchmark):
-    """Stand for a minute and execute each motion while pushed, once a seed; the push's direction varies by seed."""
+    """Stand for a minute, and run each motion with a push, once per seed; the seed selects the push direction."""
 
     measure = staticmethod(_measure)
 
@@ -157,7 +157,7 @@ class Stand(Benchmark):
         return cases
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """``stood`` and ``motions_survived`` with their totals, and the worst of each bounded quantity."""
+        """Return ``stood`` and ``motions_survived`` with their totals, and the worst value of each bounded quantity."""
         stood = [case for case in cases if case["kind"] == "stand"]
         moved = [case for case in cases if case["kind"] == "motion"]
         return {

@@ -1,9 +1,9 @@
-r"""A baseline that is no match: every joint held stiffly in the standing posture, nothing else.
+r"""Baseline that holds every joint stiffly in the standing posture.
 
 .. math:: \tau = \tau_0 + k (q_0 - q) - d \dot q
 
-with ``tau_0`` the torques of standing still. It uses neither attitude nor balance: what it takes of a push is
-the stiffness of its ankles, and it does not walk. It is there as the pattern for a contender of your own:
+where ``tau_0`` are the static torques of standing. It uses neither attitude nor balance: only the stiffness of its
+ankles resists a push, and it does not walk. It is a template for other contenders:
 ``poise bench push --contender benchmarks.stability.stand_still:StandStill``.
 """
 
@@ -14,7 +14,7 @@ from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
-#: Stiffness of every joint over what a pendulum of the robot's mass and height topples with, both ankles sharing it
+#: Stiffness of every joint over the toppling stiffness of a pendulum with the robot's mass and height, for two ankles
 STIFFNESS_PER_WEIGHT = 1.5
 DAMPING_TIME = 0.05  # damping over stiffness [s]
 
@@ -25,7 +25,7 @@ class StandStill:
     torque_controlled = True
 
     def reset(self, model: RobotModel, seed: int) -> None:
-        """Take the posture and the torques that it needs."""
+        """Set the posture and its static torques."""
         q = model.standing_configuration()
         height = float(pin.centerOfMass(model.pin, model.data(), q)[2])
         self._posture = q[7:].copy()
@@ -33,10 +33,10 @@ class StandStill:
         self._stiffness = STIFFNESS_PER_WEIGHT * model.mass * GRAVITY * height / 2.0
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """It does not walk."""
+        """Ignore the velocity: the robot does not walk."""
 
     def step(self, sensors: SensorData, dt: float) -> JointCommand:
-        """Torques of one tick."""
+        """Return the torques of one tick."""
         error = self._posture - sensors.q
         tau = self._torque + self._stiffness * (error - DAMPING_TIME * sensors.v)
         return JointCommand(self._posture, np.zeros_like(tau), tau)

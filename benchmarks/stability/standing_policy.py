@@ -1,13 +1,13 @@
-r"""A small standing policy, fitted in a second and written as ONNX: a pattern for contenders, no match for anybody.
+r"""Small standing policy as a template for contenders, fitted in a second and written as ONNX.
 
-The network has one hidden layer of tanh, with random weights, and an output layer fitted by ridge regression over
-random tilts and rates to
+The network has one hidden tanh layer with random weights. The output layer is fitted by ridge regression over random
+tilts and rates to
 
 .. math::
     q^* = q_0 + k^{-1} (\tau_0 + J^T m), \quad m = \tfrac{1}{2} m_r g z\, (c - c_0) (\theta + \dot\theta / \omega)
 
-with ``tau_0`` the torques of standing still, ``theta`` the tilt of the base (roll, pitch) and ``J`` the Jacobian of the
-soles with respect to the ankles. Together with the stiffness of the ankles, ``c_0``, the centre of pressure moves by
+where ``tau_0`` are the static torques of standing, ``theta`` the tilt of the base (roll, pitch) and ``J`` the Jacobian
+of the soles with respect to the ankles. With the stiffness of the ankles, ``c_0``, the centre of pressure moves by
 ``c`` times the DCM of a pendulum of height ``z``.
 
     python -m benchmarks.stability.standing_policy out/policy --robot g1
@@ -28,17 +28,17 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import Matrix
 
-STIFFNESS = 1.5  #: ``c_0``: stiffness of both ankles over that with which the pendulum topples [-]
+STIFFNESS = 1.5  #: ``c_0``: stiffness of both ankles over the toppling stiffness of the pendulum [-]
 DCM_GAIN = 2.2  #: ``c`` [-]
-DAMPING_TIME = 0.05  #: Damping over stiffness of the legs' joints [s]
-RATE = 100.0  #: [Hz]
-SCALE = 0.25  #: Targets per action [rad]
+DAMPING_TIME = 0.05  #: Damping over stiffness of the leg joints [s]
+RATE = 100.0  #: Rate of the policy [Hz]
+SCALE = 0.25  #: Offset of the targets per unit of action [rad]
 HIDDEN, SAMPLES, RIDGE = 64, 4096, 1e-6  #: Hidden units and samples [-]; weight of the regularisation [-]
-TILT, TURN = 0.2, 1.0  #: Standard deviations of the samples' tilts [rad] and rates [rad/s]
+TILT, TURN = 0.2, 1.0  #: Standard deviations of the sampled tilts [rad] and rates [rad/s]
 
 
 class StandingLaw:
-    """The law that the network is fitted to."""
+    """Law that the network approximates."""
 
     def __init__(self, model: RobotModel) -> None:
         q, data = model.standing_configuration(), model.data()
@@ -58,14 +58,14 @@ class StandingLaw:
         self._omega = math.sqrt(GRAVITY / height)
 
     def targets(self, rates: Matrix, gravity: Matrix) -> Matrix:
-        """Joint targets from the default (n, nj) [rad], given rates and directions of gravity of the base (n, 3)."""
+        """Return offsets of the targets (n, nj) [rad] from rates and gravity directions in the base frame (n, 3)."""
         tilt = np.column_stack((-gravity[:, 1], gravity[:, 0]))
         result: Matrix = (self._torques + (tilt + rates[:, :2] / self._omega) @ self._gain) / self.kp
         return result
 
 
 def fit(law: StandingLaw, rng: np.random.Generator) -> tuple[list[Matrix], float]:
-    """Weights of both layers (w, b, w, b), and the RMS error of the targets at other samples [rad]."""
+    """Return the weights of both layers (w, b, w, b), and the RMS error of the targets at other samples [rad]."""
 
     def draw() -> tuple[Matrix, Matrix]:
         tilt = rng.normal(0.0, TILT, (SAMPLES, 2))
@@ -87,7 +87,7 @@ def fit(law: StandingLaw, rng: np.random.Generator) -> tuple[list[Matrix], float
 
 
 def network(weights: list[Matrix]) -> Any:
-    """ONNX model of a tanh layer and a linear one; ``ConfigError`` without ``onnx``."""
+    """Return the ONNX model of a tanh layer and a linear layer; ``ConfigError`` without ``onnx``."""
     try:
         from onnx import TensorProto, helper, numpy_helper
     except ImportError as error:
@@ -108,7 +108,7 @@ def network(weights: list[Matrix]) -> Any:
 
 
 def make(model: RobotModel, folder: Path, seed: int = 0) -> Path:
-    """Fit the policy of a robot, write its model and its description; returns the file of the latter."""
+    """Fit the policy of a robot, write its model and its YAML file; returns the YAML file."""
     law = StandingLaw(model)
     weights, error = fit(law, np.random.default_rng(seed))
     folder.mkdir(parents=True, exist_ok=True)

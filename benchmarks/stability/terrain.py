@@ -1,4 +1,4 @@
-"""Blind walking on uneven, slippery and soft ground, with a payload and with late commands: who gets through."""
+"""Survival of blind walking on uneven, slippery and soft ground, with a payload and with delayed commands."""
 
 import math
 from functools import cache, partial
@@ -25,20 +25,20 @@ from models.terrain import Terrain as Ground
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Condition:
-    """What makes a walk hard."""
+    """Difficulties of a walk."""
 
-    #: The ground, or its name in ``models/config/terrain.yaml``; random tiles get the seed of the case
+    #: Ground, or its name in ``models/config/terrain.yaml``; random tiles use the seed of the case
     terrain: str | Ground = FLAT
-    friction: Positive | None = None  #: Coulomb coefficient [-]; the robot's when None
-    payload: NonNegative = 0.0  #: Unknown mass at the torso, as a share of the robot's [-]
-    delay: NonNegative = 0.0  #: Added to that of sensors and commands [s]
-    deviation: Deviation | None = None  #: How the simulated robot differs from the model of the laws
-    speed: Positive | None = None  #: Forward; that of all conditions when None [m/s]
+    friction: Positive | None = None  #: Coulomb coefficient [-]; the robot's coefficient when None
+    payload: NonNegative = 0.0  #: Unknown mass at the torso, as a share of the robot's mass [-]
+    delay: NonNegative = 0.0  #: Delay added to the delay of sensors and commands [s]
+    deviation: Deviation | None = None  #: Difference of the simulated robot from the model of the laws
+    speed: Positive | None = None  #: Forward speed; the common speed when None [m/s]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class TerrainConfig:
-    """The test; the unit of every value stands in ``benchmarks/config/terrain.yaml``."""
+    """Settings of the test; the units are in ``benchmarks/config/terrain.yaml``."""
 
     speed: Positive
     duration: Positive
@@ -56,13 +56,13 @@ _robot = cache(RobotModel.load)
 
 
 def walk(robot: str, seed: int, scenario: str, contender: str = "") -> Case:
-    """Walk straight ahead under a condition of the settings, by its name (``walk_under``)."""
+    """Walk straight ahead under a condition of the settings, given its name (``walk_under``)."""
     config = _config()
     return walk_under({**config.conditions, **config.goals}[scenario], robot, seed, contender)
 
 
 def loop_under(condition: Condition, model: RobotModel, seed: int, contender: str = "", **options: Any) -> ClosedLoop:
-    """A loop under one condition, at its start; further options are those of ``ClosedLoop``."""
+    """Return a loop under one condition, at its start; ``options`` are those of ``ClosedLoop``."""
     latency, deviation = model.profile.sensors.latency, condition.deviation
     options |= {
         "seed": seed,
@@ -81,7 +81,7 @@ def loop_under(condition: Condition, model: RobotModel, seed: int, contender: st
 
 
 def walk_ahead(loop: ClosedLoop, speed: float, duration: float) -> tuple[float, float, bool]:
-    """Walk from the stand on: time until the fall or the end [s], distance ahead [m], and whether it survived."""
+    """Walk from standing; returns time to the fall or the end [s], distance ahead [m], and whether it survived."""
     loop.command("walk")
     loop.set_velocity(speed, 0.0, 0.0)
     (x, y), yaw = loop.truth.q[:2].copy(), heading(*loop.truth.q[3:7])
@@ -94,7 +94,7 @@ def walk_ahead(loop: ClosedLoop, speed: float, duration: float) -> tuple[float, 
 
 
 def walk_under(condition: Condition, robot: str, seed: int, contender: str = "") -> Case:
-    """Walk straight ahead under one condition; ``trips`` are feet that were caught, ``moments`` of a failed walk."""
+    """Walk straight ahead under one condition; ``trips`` counts caught feet, a failed walk has ``moments``."""
     config = _config()
     loop = loop_under(condition, _robot(robot), seed, contender, record_period_s=config.record_period)
     time, distance, survived = walk_ahead(loop, condition.speed or config.speed, config.duration)
@@ -107,13 +107,13 @@ def walk_under(condition: Condition, robot: str, seed: int, contender: str = "")
         "trips": 0 if isinstance(loop, ContenderLoop) else loop.gait.trips,
         "foot_slip": float(loop.foot_slip.max()),
     }
-    if survived or isinstance(loop, ContenderLoop):  # a contender's log lacks what the moments show
+    if survived or isinstance(loop, ContenderLoop):  # a contender's log lacks the signals of ``moments``
         return outcome
     return {**outcome, "moments": last_moments(loop, config.shown)}
 
 
 class Terrain(SurvivalBenchmark):
-    """The conditions that have a bound, or those chosen, once a seed."""
+    """Conditions with a bound, or the selected ones, once per seed."""
 
     measure = staticmethod(walk)
     required_share, usual, goals = _config().required_share, _config().conditions, _config().goals
@@ -122,7 +122,7 @@ class Terrain(SurvivalBenchmark):
         return [{**case, "contender": options.contender} for case in super().cases(options)]
 
     def further(self, name: str, cases: list[Case]) -> dict[str, float]:
-        """The mean ``distance_`` [m]."""
+        """Return the mean ``distance_`` [m]."""
         return {f"distance_{name}_m": float(np.mean([case["distance"] for case in cases]))}
 
     def notes(self, report: Report) -> list[str]:

@@ -1,4 +1,4 @@
-"""Error of the elevation map that a walking robot makes of the ground with its own sensors and its own estimate."""
+"""Error of the elevation map of a walking robot, from its range sensors and its state estimate."""
 
 import time
 from functools import partial
@@ -21,13 +21,13 @@ from models.terrain import Ground, Terrain, terrain_named
 from models.types import Matrix, Vector
 from planners.gait.state import coming_steps
 
-STEPS = 3  #: Coming steps whose area counts
-_CASTS = 20  #: Pictures and turns whose cost is taken
+STEPS = 3  #: Number of coming steps whose area counts
+_CASTS = 20  #: Number of depth pictures and lidar turns that are timed
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class TerrainMapBench:
-    """The test; the unit of every value stands in ``benchmarks/config/terrain_map.yaml``."""
+    """Settings of the test; the units are in ``benchmarks/config/terrain_map.yaml``."""
 
     speed: Positive
     duration: Positive
@@ -44,7 +44,7 @@ _config = partial(settings, TerrainMapBench, "terrain_map")
 
 
 class Area:
-    """Points of a sole grown by a margin, two centimetres apart, and soles by the estimate and in truth."""
+    """Points of a sole with a margin, at a spacing of two centimetres, and estimated and true soles."""
 
     def __init__(self, robot: RobotModel, margin: float) -> None:
         self.robot, self._data = robot, robot.data()
@@ -53,12 +53,12 @@ class Area:
         self._points = np.array([[x, y] for x in xs for y in ys])
 
     def ahead(self, loop: ClosedLoop) -> Matrix:
-        """Points of the area of the next steps, by the estimate (n, 2) [m]."""
+        """Return the points of the area of the next steps, from the estimate (n, 2) [m]."""
         steps = coming_steps(loop.gait.view, loop.gait.config)[:STEPS]
         return np.concatenate([np.zeros((0, 2)), *(turned(self._points, each.yaw) + each.pose[:2] for each in steps)])
 
     def sole(self, q: Vector, foot: int) -> tuple[Vector, float]:
-        """Place (3,) [m] and heading [rad] of a sole in a configuration (nq,)."""
+        """Return position (3,) [m] and heading [rad] of a sole in a configuration (nq,)."""
         frame = self.robot.feet[foot].frame_id
         pin.forwardKinematics(self.robot.pin, self._data, q)
         place = pin.updateFramePlacement(self.robot.pin, self._data, frame)
@@ -66,10 +66,10 @@ class Area:
 
 
 def score(loop: ClosedLoop, ground: Ground, area: Area) -> Vector:
-    """Error of the map at the points of the area of the next steps [m]; nan where it is unknown.
+    """Return the error of the map at the points of the area of the next steps [m]; NaN for unknown points.
 
-    Map and truth are compared relative to the stance sole, as a step on the map is: error of the odometry since the
-    start is none of the map.
+    Map and truth are relative to the stance sole, like a step on the map, so that errors of the odometry since the
+    start do not count.
     """
     mapper, foot = loop.ground_view.mapper, loop.gait.stance
     points = area.ahead(loop)
@@ -81,9 +81,9 @@ def score(loop: ClosedLoop, ground: Ground, area: Area) -> Vector:
 
 
 def measure(robot: str, seed: int, scenario: str) -> Case:
-    """Walk ahead and compare, up to ``before_fall`` before a fall.
+    """Walk ahead and compare the map, until ``before_fall`` before a fall.
 
-    ``squares`` is the mean squared error [m^2], nan where nothing was compared; times are of this processor [s].
+    ``squares`` is the mean squared error [m^2], NaN without comparisons; times are processor times of this machine [s].
     """
     config = _config()
     terrain = terrain_named({**config.scenarios, **config.goals}[scenario], seed=seed)
@@ -119,7 +119,7 @@ def measure(robot: str, seed: int, scenario: str) -> Case:
 
 
 def cast_costs(robot: RobotModel, terrain: Terrain, q: Vector) -> dict[str, float]:
-    """Median processor time of a depth picture and of a turn of the lidar, with the kinematics of its world [s]."""
+    """Return the median processor time of a depth picture and of a lidar turn, including kinematics [s]."""
     world = RayWorld(robot, terrain)
     costs = {}
     for name, sensor in (("depth", SimulatedDepthCamera(world)), ("lidar", SimulatedLidar(world))):
@@ -134,7 +134,7 @@ def cast_costs(robot: RobotModel, terrain: Terrain, q: Vector) -> dict[str, floa
 
 
 class TerrainMap(Benchmark):
-    """Each kind of ground once a seed."""
+    """Each kind of ground once per seed."""
 
     measure = staticmethod(measure)
 
@@ -147,7 +147,7 @@ class TerrainMap(Benchmark):
         ]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """RMSE of each ground and the worst [mm], least share known, largest delay and costs [ms], walks that fell."""
+        """Return RMSE of each ground and the worst [mm], least known share, largest delay and costs [ms], and falls."""
         figures, worst = {}, []
         for name, of in by_scenario(cases).items():
             worst.append(1e3 * float(np.max([case["squares"] for case in of])) ** 0.5)

@@ -1,4 +1,4 @@
-"""Walking at commanded velocities: falls, errors of the velocity, cost of transport, stops and top speed."""
+"""Walking at commanded velocities: falls, velocity errors, cost of transport, stops and top speed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,11 +13,11 @@ from benchmarks.stability.falls import FAILED, PASSED, draw_failures
 from benchmarks.stability.walk_cases import measure, robot_walk, speed_error, walk_config
 from bridge.analysis.plots import new_figure
 
-CONTESTED = ("steady", "top")  # kinds of cases that only command velocities
+CONTESTED = ("steady", "top")  # kinds of cases that need only velocity commands
 
 
 def cases(robot: str, seeds: range, scenarios: Sequence[str] = (), contender: str = "") -> list[Case]:
-    """Inputs of every case of the chosen scenarios, or of all; a contender has ``CONTESTED`` ones only."""
+    """Return the inputs of all cases of the selected scenarios, or of all; for a contender only ``CONTESTED`` ones."""
     config, expected = walk_config(), robot_walk(robot)
     kinds = {name: "steady" if name in expected.scenarios else name for name in expected.names}
     known = [name for name, kind in kinds.items() if not contender or kind in CONTESTED]
@@ -34,7 +34,7 @@ def cases(robot: str, seeds: range, scenarios: Sequence[str] = (), contender: st
 
 
 def judge(robot: str, results: Sequence[Case]) -> tuple[dict[str, float], list[str]]:
-    """Figures of the results, and every bound that does not hold."""
+    """Compute the figures, and a text for every bound that does not hold."""
     of = by_scenario(results)
     walks = [case for case in results if case["kind"] != "top"]  # the search for the top speed may fall
     falls = [case for case in walks if case["fell"]]
@@ -85,7 +85,7 @@ def _judge_speed(name: str, results: Sequence[Case], command: Any) -> tuple[dict
 
 
 class Walk(Benchmark):
-    """The chosen scenarios of the robot, once a seed."""
+    """Selected scenarios of the robot, once per seed."""
 
     measure = staticmethod(measure)
 
@@ -126,14 +126,14 @@ class Walk(Benchmark):
                 axes[-1].set_xticks(sorted({case["seed"] for case in top}))
                 axes[-1].set(xlabel="seed", ylabel="top speed held [m/s]")
             for one in axes:
-                one.set_ylim(0.0, 1.25 * one.dataLim.y1 or 1.0)  # room for the legend above the data
+                one.set_ylim(0.0, 1.25 * one.dataLim.y1 or 1.0)  # space for the legend above the data
                 one.legend(loc="upper right", fontsize=8, ncols=3)
             figure.suptitle(f"walk, {report.who}, seeds: {report.seeds}", fontsize=10)
             files.append(saved(figure, folder / f"walk-{report.stem}.png"))
         return files + draw_failures(report, folder)
 
     def survived(self, case: Case) -> tuple[str, bool] | None:
-        """By scenario; the search for the top speed may fall."""
+        """Return the outcome by scenario; None for the search of the top speed, which may fall."""
         return None if case["kind"] == "top" else (case["scenario"], not case["fell"])
 
 

@@ -1,4 +1,4 @@
-"""The walking test: settings, measures of a walk by the true state, and how each kind of case is measured."""
+"""Walking test: settings, measures of a walk from the true state, and measurement of each kind of case."""
 
 import math
 from collections.abc import Callable
@@ -28,15 +28,15 @@ from planners.gait.scaling import load_gait_config
 
 @dataclass(frozen=True, slots=True)
 class Walked:
-    """A measured walk, by the CoM: the base circles it while the robot turns in place."""
+    """Measured walk of the CoM; the base moves around the CoM while the robot turns in place."""
 
-    velocities: Matrix  #: Mean velocity of each chunk, in the heading of that moment (n, 3) [m/s, m/s, rad/s]
+    velocities: Matrix  #: Mean velocity of each chunk, in its heading (n, 3) [m/s, m/s, rad/s]
     distance: float  #: Length of the path [m]
     energy: float  #: Mechanical work of the joints, braking counted as positive [J]
 
     @property
     def mean(self) -> Vector:
-        """Mean velocity (3,) [m/s, m/s, rad/s]; zero when it fell before the first chunk."""
+        """Mean velocity (3,) [m/s, m/s, rad/s]; zero if it fell before the end of the first chunk."""
         if not len(self.velocities):
             return np.zeros(3)
         mean: Vector = self.velocities.mean(axis=0)
@@ -44,12 +44,12 @@ class Walked:
 
 
 def watch(loop: ClosedLoop, duration: float, chunk: float) -> Walked:
-    """Measure a walk for ``duration`` [s] or until a fall, every ``chunk`` [s]; the loop's log gives the power."""
+    """Measure a walk for ``duration`` [s] or until a fall, every ``chunk`` [s]; the power is from the loop's log."""
     velocities, distance, energy = [], 0.0, 0.0
     end, model, data = loop.t + duration, loop.robot.pin, loop.robot.data()
 
     def place() -> tuple[Vector, float]:
-        """CoM (2,) [m] and heading [rad]."""
+        """Return CoM (2,) [m] and heading [rad]."""
         q = loop.truth.q
         return pin.centerOfMass(model, data, q)[:2].copy(), heading(*q[3:7])
 
@@ -69,12 +69,12 @@ def watch(loop: ClosedLoop, duration: float, chunk: float) -> Walked:
 
 
 def speed_error(mean: Vector, command: Velocity) -> float:
-    """Distance of a mean velocity from the command, either straight or a turn, relative to the command [-]."""
+    """Return the error of a mean velocity (straight or turn) relative to the command [-]."""
     return float(np.linalg.norm(mean - np.array(command)) / np.linalg.norm(command))
 
 
 def tracking_error(velocities: Matrix, commands: Matrix, count: int) -> float:
-    """RMS of the velocity, averaged over ``count`` chunks, off the command averaged likewise; linear only [m/s]."""
+    """Return the RMS error of the linear velocity [m/s]; velocity and command are averaged over ``count`` chunks."""
     if len(velocities) < count:
         return math.nan
     kernel = np.ones(count) / count
@@ -93,13 +93,13 @@ class RobotWalk:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every scenario that can be chosen."""
+        """All scenarios that can be selected."""
         return (*self.scenarios, *(("random",) if self.random else ()), "stop", "top")
 
 
 @schema(frozen=True, slots=True, config=STRICT)
 class WalkConfig:
-    """The walking test; the unit of every value stands in ``benchmarks/config/walk.yaml``."""
+    """Settings of the walking test; the units are in ``benchmarks/config/walk.yaml``."""
 
     duration: Positive
     start_time: Positive
@@ -125,7 +125,7 @@ walk_config = partial(settings, WalkConfig, "walk")
 
 
 def robot_walk(name: str) -> RobotWalk:
-    """Scenarios of a robot; ``ConfigError`` when it has none."""
+    """Return the scenarios of a robot; ``ConfigError`` if there are none."""
     robots = walk_config().robots
     if name not in robots:
         raise ConfigError(f"bench walk: no scenarios for '{name}'; known: {', '.join(robots)}")
@@ -139,7 +139,7 @@ def _contested(robot: str, contender: str) -> ContenderLoop:
 
 @cache
 def _loop(robot: str) -> ClosedLoop:
-    """One closed loop for every case of this process; its gait takes the fastest of the top speeds."""
+    """Return the closed loop for all cases of this process; its gait permits the highest top speed."""
     model = RobotModel.load(robot)
     gait = load_gait_config(model)
     forward = max(gait.velocity.forward, *robot_walk(robot).top_speeds)
@@ -172,7 +172,7 @@ def _reason(loop: ClosedLoop) -> str:
 
 
 def _moments(loop: ClosedLoop, failed: bool) -> Case:
-    """What explains a failed walk; empty for one that did not fail, and for a contender, whose log has too little."""
+    """Return ``last_moments`` of a failed walk; empty without failure, and for a contender (incomplete log)."""
     return last_moments(loop, walk_config().shown) if failed and not isinstance(loop, ContenderLoop) else {}
 
 
@@ -184,7 +184,7 @@ def _run(loop: ClosedLoop, duration: float) -> None:
 
 
 def _begin(loop: ClosedLoop, seed: int, command: Velocity, config: WalkConfig) -> ClosedLoop:
-    """Start a walk at a velocity and run it for ``start_time``; ``PoiseError`` when the robot would not walk."""
+    """Start a walk at a velocity and run it for ``start_time``; ``PoiseError`` if the robot refuses to walk."""
     loop.reset(seed)
     start_walk(loop, *command)
     _run(loop, config.start_time)
@@ -192,7 +192,7 @@ def _begin(loop: ClosedLoop, seed: int, command: Velocity, config: WalkConfig) -
 
 
 def steady(robot: str, seed: int, command: Velocity, duration: float, contender: str = "") -> Case:
-    """Hold one velocity; ``PoiseError`` when the robot would not walk. ``moments`` are the last ones of a fall."""
+    """Hold one velocity; ``PoiseError`` if the robot refuses to walk. A fall has ``moments``."""
     config = walk_config()
     loop = _begin(_contested(robot, contender) if contender else _loop(robot), seed, command, config)
     walked = watch(loop, duration - config.start_time, config.chunk)
@@ -201,7 +201,7 @@ def steady(robot: str, seed: int, command: Velocity, duration: float, contender:
 
 
 def random_walk(robot: str, seed: int) -> Case:
-    """A new velocity every ``random_period``; scores and errors as of ``steady``, without ``speed_error``."""
+    """Change the velocity every ``random_period``; scores as in ``steady``, without ``speed_error``."""
     config, loop = walk_config(), _loop(robot)
     loop.reset(seed)
     demand(loop, "walk")
@@ -226,7 +226,7 @@ def random_walk(robot: str, seed: int) -> Case:
 
 
 def stop(robot: str, seed: int) -> Case:
-    """Stop from a walk, then stand: steps after the command, whether it stood in time, and its drift [m]."""
+    """Stop from a walk, then stand: steps after the command, whether it stood in time, and drift [m]."""
     config = walk_config()
     loop = _begin(_loop(robot), seed, (config.stop_speed, 0.0, 0.0), config)
     _run(loop, max(config.stop_after - config.start_time, 0.0))
@@ -252,7 +252,7 @@ def stop(robot: str, seed: int) -> Case:
 
 
 def top_speed(robot: str, seed: int, contender: str = "") -> Case:
-    """Try decreasing speeds until one is held, its mean the result [m/s]: falls end a try early and cost little."""
+    """Try decreasing speeds until one is held; returns its mean [m/s]. Falls end a try early, so they cost little."""
     config, reason = walk_config(), ""
     tested = {"contender": contender} if contender else {}
     moments: Case = {}
@@ -270,6 +270,6 @@ MEASURES: dict[str, Callable[..., Case]] = {"steady": steady, "random": random_w
 
 
 def measure(kind: str, **inputs: Any) -> Case:
-    """Measure one case; its scenario's name is not an input."""
+    """Measure one case; the name of its scenario is not used."""
     inputs.pop("scenario")
     return MEASURES[kind](**inputs)

@@ -1,1 +1,1 @@
-"""Search of parameters: `poise tune`."""
+"""Search for parameters: `poise tune`."""

@@ -1,4 +1,4 @@
-"""``poise tune``: search parameters of the laws."""
+"""``poise tune``: search for parameters of the laws."""
 
 from __future__ import annotations
 

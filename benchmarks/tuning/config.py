@@ -1,4 +1,4 @@
-"""What ``poise tune`` searches, and how: the schema of ``benchmarks/config/tune/*.yaml``, and a robot's parameters."""
+"""Settings of ``poise tune`` (schema of ``benchmarks/config/tune/*.yaml``), and parameters of a robot."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -22,26 +22,26 @@ LOADERS: dict[str, Callable[[RobotModel], Any]] = {
     "balance": load_balance_config,
     "whole_body": load_whole_body_config,
 }
-SLOPES = ("up", "up to the left", "down", "up to the right")  #: Sectors of a walk on slopes
+SLOPES = ("up", "up to the left", "down", "up to the right")  #: Sectors of a kind with slopes
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Kind:
-    """A kind of scenarios: a push, or a walk straight ahead, with ranges from which each draws uniformly."""
+    """Kind of scenarios: a push, or a walk straight ahead, with ranges for uniform random values."""
 
     push: PushMode | None = None  #: 'catch', 'step' or 'walk' of `poise bench push`; a walk without a push when None
     dv: Span | None = None  #: Impulse over mass of the push [m/s]
-    speed: tuple[Positive, Positive] = (0.4, 0.4)  #: Walking speed, without effect on a robot that stands [m/s]
-    duration: Positive = 10.0  #: Of a walk without a push [s]
-    count: Count = 1  #: Scenarios of each sector in a generation
-    tiles: Span | None = None  #: Largest height of random tiles [m]
-    slope: Span | None = None  #: Angle of a plane that rises ahead, to the left, backwards or to the right [rad]
-    friction: tuple[Positive, Positive] | None = None  #: Coulomb coefficient [-]; the robot's when None
-    payload: Span = (0.0, 0.0)  #: Unknown mass at the torso, as a share of the robot's [-]
-    delay: Span = (0.0, 0.0)  #: Added to that of sensors and commands [s]
-    mass: tuple[Positive, Positive] = (1.0, 1.0)  #: True over modelled mass of all links [-]
+    speed: tuple[Positive, Positive] = (0.4, 0.4)  #: Walking speed; no effect on a standing robot [m/s]
+    duration: Positive = 10.0  #: Duration of a walk without a push [s]
+    count: Count = 1  #: Scenarios per sector in a generation
+    tiles: Span | None = None  #: Maximum height of random tiles [m]
+    slope: Span | None = None  #: Angle of a plane that rises forward, to the left, backward or to the right [rad]
+    friction: tuple[Positive, Positive] | None = None  #: Coulomb coefficient [-]; the robot's coefficient when None
+    payload: Span = (0.0, 0.0)  #: Unknown mass at the torso, as a share of the robot's mass [-]
+    delay: Span = (0.0, 0.0)  #: Delay added to the delay of sensors and commands [s]
+    mass: tuple[Positive, Positive] = (1.0, 1.0)  #: True over modelled mass, for all links [-]
     com: Span = (0.0, 0.0)  #: Horizontal shift of the true CoM, in a random direction [m]
-    joint_friction: tuple[Positive, Positive] = (1.0, 1.0)  #: True over modelled dry friction of all joints [-]
+    joint_friction: tuple[Positive, Positive] = (1.0, 1.0)  #: True over modelled dry friction, for all joints [-]
     encoder_offset: Span = (0.0, 0.0)  #: Bound of the random offset of each encoder [rad]
 
     def __post_init__(self) -> None:
@@ -59,7 +59,7 @@ class Kind:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class TuneConfig:
-    """What is searched, and how; ``benchmarks/config/tune/recovery.yaml`` describes every value."""
+    """Settings of a search; ``benchmarks/config/tune/recovery.yaml`` describes every value."""
 
     parameters: dict[str, Range]
     scenarios: Annotated[dict[str, Kind], Field(min_length=1)]
@@ -85,25 +85,25 @@ class TuneConfig:
 
     @property
     def best(self) -> int:
-        """How many candidates of a generation have positive weights: ``mu`` of CMA-ES."""
+        """Number of candidates with positive weights in a generation, ``mu`` of CMA-ES."""
         return self.population // 2
 
     @property
     def kinds(self) -> dict[str, Kind]:
-        """All kinds by name; those held out come last."""
+        """All kinds by name, held-out kinds last."""
         return {**self.scenarios, **self.held_out}
 
     def sectors(self, kind: Kind) -> int:
-        """Sectors of a kind: headings of the push, else directions of the slope, else one."""
+        """Return the number of sectors: headings of the push, else directions of the slope, else one."""
         return self.directions if kind.push is not None else 1 if kind.slope is None else len(SLOPES)
 
     def total(self, kinds: dict[str, Kind]) -> int:
-        """Scenarios of some kinds in a generation."""
+        """Return the number of scenarios of some kinds in a generation."""
         return sum(kind.count * self.sectors(kind) for kind in kinds.values())
 
 
 def load_tune_config(name_or_path: str) -> TuneConfig:
-    """A packaged search by name, or a file; ``ConfigError`` names file and key."""
+    """Load a packaged search by name, or a file; ``ConfigError`` names file and key."""
     folder = Path(__file__).resolve().parents[1] / "config" / "tune"
     packaged = {path.stem: path for path in sorted(folder.glob("*.yaml"))}
     path = packaged.get(name_or_path, Path(name_or_path))
@@ -113,7 +113,7 @@ def load_tune_config(name_or_path: str) -> TuneConfig:
 
 
 def present(config: TuneConfig, robot: str) -> Parameters:
-    """Values of a robot's parameters; ``ConfigError`` names one that is unknown, no number, or out of its range."""
+    """Return a robot's parameters; ``ConfigError`` for an unknown name, no float, or a value outside of its range."""
     model, found = RobotModel.load(robot), {}
     roots = {root: loader(model) for root, loader in LOADERS.items()}
     for name, (low, high) in config.parameters.items():
@@ -132,7 +132,7 @@ def present(config: TuneConfig, robot: str) -> Parameters:
 
 
 def laws(parameters: Parameters) -> dict[str, Any]:
-    """Nested keys of parameters, as ``laws`` of a profile has them."""
+    """Convert parameters to nested keys, as in ``laws`` of a profile."""
     nested: dict[str, Any] = {}
     for name, number in parameters.items():
         value: Any = number

@@ -1,23 +1,23 @@
-r"""The robust loss of a candidate, and a race that measures no more of the candidates of a generation than it must.
+r"""Robust loss of a candidate, and a race that measures only the necessary scenarios of a generation.
 
 The loss is the conditional value at risk over sectors:
 
 .. math:: L = \text{mean of the largest } \lceil \alpha n \rceil \text{ of } \ell_1, \dots, \ell_n
 
-with ``l_i`` the mean loss of a sector of a kind of scenarios, and ``alpha`` the ``tail``. As no scenario has a loss
-below 0, ``L`` with 0 for every scenario that is not measured is a lower bound ``L_b``.
+where ``l_i`` is the mean loss of a sector of a kind of scenarios, and ``alpha`` is the ``tail``. All losses are
+non-negative, so ``L`` with 0 for every scenario that is not measured is a lower bound ``L_b``.
 
-``race`` measures blocks of scenarios of those ``mu`` candidates whose ``L_b`` is least (at first all are 0), until
-these are measured in full. No other candidate can then get among the best ``mu``, whatever it does in the rest of its
-scenarios, which are left out.
+``race`` measures blocks of scenarios of the ``mu`` candidates with the smallest ``L_b`` (initially all 0), until these
+candidates are measured completely. Then no other candidate can be among the best ``mu``, whatever its losses in its
+remaining scenarios, which are skipped.
 
-Exact, as if all were measured: the best ``mu`` candidates, their losses and their order, ties included. CMA-ES computes
-mean, step size and evolution paths from them alone. Not exact: the order of the others, by ``L_b``. The ``cmaes``
-package gives them negative weights by rank (active CMA-ES), so that the update of the covariance may differ in how much
-the directions to bad candidates shrink, not in which candidates are bad.
+Exact results, as if all scenarios were measured: the best ``mu`` candidates, their losses and their order, including
+ties. CMA-ES computes mean, step size and evolution paths from them only. The order of the other candidates, by ``L_b``,
+is not exact. The ``cmaes`` package gives them negative weights by rank (active CMA-ES). The covariance update may
+differ in how much it shrinks along the directions of bad candidates, but not in which candidates are bad.
 
-What is measured next depends on losses alone, not on the time at which they arrive: any number of workers, and a
-search that goes on, measure the same.
+The next scenarios depend only on losses, not on when they arrive. Therefore the measurements are the same for any
+number of workers, and for a search that is resumed.
 
 References:
     Rockafellar, Uryasev: Optimization of conditional value-at-risk, 2000; Hansen: The CMA evolution strategy: a
@@ -34,17 +34,17 @@ from benchmarks.core.harness import Case
 from models.types import Matrix
 
 Group = tuple[str, int]  #: Kind and sector
-#: Losses of pairs of a candidate's and a scenario's index
+#: Returns the losses for pairs of indices of candidate and scenario
 Measure = Callable[[Sequence[tuple[int, int]]], Sequence[float]]
 
 
 def group_of(case: Case) -> Group:
-    """Kind and sector of a scenario."""
+    """Return kind and sector of a scenario."""
     return case["kind"], case["sector"]
 
 
 def robust_loss(scenarios: Sequence[Case], losses: Sequence[float], tail: float) -> float:
-    """Mean loss of the share ``tail`` of the groups by kind and sector, the worst ones."""
+    """Return the mean loss of the worst share ``tail`` of the groups by kind and sector."""
     groups: dict[Group, list[float]] = {}
     for scenario, loss in zip(scenarios, losses, strict=True):
         groups.setdefault(group_of(scenario), []).append(loss)
@@ -56,12 +56,12 @@ def robust_loss(scenarios: Sequence[Case], losses: Sequence[float], tail: float)
 class Raced:
     """Losses of the candidates of a generation."""
 
-    losses: list[float]  #: Of each candidate; a lower bound where scenarios were left out [-]
-    table: Matrix  #: Of each candidate and scenario, NaN where left out (candidates, scenarios) [-]
+    losses: list[float]  #: Loss per candidate; a lower bound if scenarios were skipped [-]
+    table: Matrix  #: Loss per candidate and scenario, NaN if skipped (candidates, scenarios) [-]
 
     @property
     def complete(self) -> list[bool]:
-        """Which candidates were measured in all scenarios."""
+        """Whether all scenarios of each candidate were measured."""
         return [not np.isnan(row).any() for row in self.table]
 
 
@@ -74,10 +74,10 @@ def race(
     measure: Measure,
     expected: Mapping[Group, float] | None = None,
 ) -> Raced:
-    """Losses of candidates, exact of the ``best`` ones; see the module.
+    """Return losses of the candidates, exact for the ``best`` ones; see the docstring of the module.
 
-    The hardest scenarios come first, so that a bad candidate shows early: by the mean of the losses of the candidates
-    that have had it, and the ``expected`` loss of its group.
+    The hardest scenarios come first, so that bad candidates are detected early. The hardness is the mean over the
+    measured losses of the scenario and the ``expected`` loss of its group.
     """
     table = np.full((candidates, len(scenarios)), np.nan)
     prior = np.array([(expected or {}).get(group_of(each), 0.0) for each in scenarios])
@@ -85,7 +85,7 @@ def race(
         losses = [robust_loss(scenarios, row, tail) for row in np.nan_to_num(table)]
         ranked = sorted(range(candidates), key=lambda k: (losses[k], k))
         left = [k for k in ranked[:best] if np.isnan(table[k]).any()]
-        if not left and losses[ranked[0]] == losses[ranked[-1]]:  # whether all are equal decides if CMA-ES is updated
+        if not left and losses[ranked[0]] == losses[ranked[-1]]:  # equal losses decide whether CMA-ES is updated
             left = [k for k in ranked if np.isnan(table[k]).any()]
         if not left:
             return Raced(losses, table)

@@ -1,4 +1,4 @@
-"""What ``poise tune`` reports: the table before and after, the verdict, the profile, and a plot."""
+"""Report of ``poise tune``: table before and after, verdict, profile, and plot."""
 
 import math
 import os
@@ -26,22 +26,22 @@ from models.profile import load_profile, robot_names
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """How many of the same scenarios were survived before and after; of a kind, or of one of its sectors."""
+    """Survived scenarios before and after, out of the same scenarios, for a kind or one of its sectors."""
 
     kind: str
-    sector: str  #: Empty for the whole kind
+    sector: str  #: Name of the sector; empty for the whole kind
     before: int
     after: int
     total: int
 
     @property
     def name(self) -> str:
-        """Kind and sector."""
+        """Kind and sector as text."""
         return f"{self.kind}, {self.sector or 'all'}"
 
 
 def compare(config: TuneConfig, tuned: Tuned) -> list[Row]:
-    """Every sector of every kind that judges, and every kind."""
+    """Return the rows of every sector and kind in the judging scenarios."""
 
     def row(name: str, sector: int | None, words: str) -> Row:
         pairs = [
@@ -61,14 +61,14 @@ def compare(config: TuneConfig, tuned: Tuned) -> list[Row]:
 
 
 def judged_loss(config: TuneConfig, results: Sequence[Case]) -> float:
-    """Robust loss of the scenarios that judge."""
+    """Return the robust loss of the judging scenarios."""
     return robust_loss(results, [case["loss"] for case in results], config.tail)
 
 
 def verdict(config: TuneConfig, tuned: Tuned) -> tuple[bool, str]:
-    """Whether neither the loss nor what is survived of any kind is worse by more than ``tolerance``, and a sentence.
+    """Return whether neither the loss nor the survival of a kind is worse by more than ``tolerance``, and a text.
 
-    The p-value is that of the two-sided sign test on the scenarios that only one of both survives.
+    The p-value is from the two-sided sign test on the scenarios that only one of both survives.
     """
     gained = sum(bool(was["reason"]) > bool(now["reason"]) for was, now in zip(tuned.before, tuned.after, strict=True))
     lost = sum(bool(was["reason"]) < bool(now["reason"]) for was, now in zip(tuned.before, tuned.after, strict=True))
@@ -88,7 +88,7 @@ def verdict(config: TuneConfig, tuned: Tuned) -> tuple[bool, str]:
 
 
 def table(config: TuneConfig, tuned: Tuned) -> list[tuple[str, str, str]]:
-    """Rows of what, before and after: parameters, scenarios survived, loss."""
+    """Return rows of name, before and after: parameters, survived scenarios, loss."""
     rows = [(name, f"{tuned.start[name]:g}", f"{value:g}") for name, value in tuned.found.items()]
     rows += [(row.name, f"{row.before}/{row.total}", f"{row.after}/{row.total}") for row in compare(config, tuned)]
     old, new = judged_loss(config, tuned.before), judged_loss(config, tuned.after)
@@ -96,7 +96,7 @@ def table(config: TuneConfig, tuned: Tuned) -> list[tuple[str, str, str]]:
 
 
 def check_output(path: Path, robot: str) -> None:
-    """``ConfigError`` where a profile written to the path would extend itself through the robot's."""
+    """Raise ``ConfigError`` if the robot's profile is, or extends, the file to be written."""
     files = [Path(load_profile(robot).source)]
     while (extended := read_yaml(files[-1]).get("extends")) is not None:
         below = extended if extended in robot_names() else files[-1].parent / Path(extended).expanduser()
@@ -106,7 +106,7 @@ def check_output(path: Path, robot: str) -> None:
 
 
 def write_overlay(path: Path, robot: str, config: TuneConfig, tuned: Tuned) -> None:
-    """Write a profile that extends the robot's by the parameters found, with table, verdict and cost as comments."""
+    """Write a profile that extends the robot's with the found parameters; table, verdict and cost are comments."""
     path.parent.mkdir(parents=True, exist_ok=True)
     source = Path(load_profile(robot).source)
     extended = robot if robot in robot_names() else os.path.relpath(source, path.parent)
@@ -118,7 +118,7 @@ def write_overlay(path: Path, robot: str, config: TuneConfig, tuned: Tuned) -> N
 
 
 def draw_search(config: TuneConfig, robot: str, tuned: Tuned, folder: Path) -> Path:
-    """Plot loss and parameters over the generations, and what is survived before and after; returns the file."""
+    """Plot loss and parameters over the generations, and survival before and after; returns the file."""
     rows = compare(config, tuned)
     figure = new_figure(10.0, 4.0 + 0.18 * len(rows))
     grid = figure.add_gridspec(2, 2, height_ratios=(3.0, 1.0 + 0.18 * len(rows)))

@@ -1,4 +1,4 @@
-"""Random scenarios of ``poise tune``, and the loss of one: 0 where the robot survives, else between 1 and 2."""
+"""Random scenarios of ``poise tune``, and their loss: 0 if the robot survives, else between 1 and 2."""
 
 import math
 import time
@@ -21,13 +21,13 @@ from models.profile import load_profile
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain
 
-LARGEST = 2.0  #: Loss of a robot that fails at once [-]
+LARGEST = 2.0  #: Loss of a robot that fails immediately [-]
 
 
 def draw(config: TuneConfig, round_: int) -> list[Case]:
-    """Scenarios of a generation, or with its number ``generations`` those that judge, with the kinds held out.
+    """Draw the scenarios of a generation; number ``generations`` draws the judging ones, including held-out kinds.
 
-    Seeds count on from one generation to the next, so that no two scenarios share noise, tiles or encoder offsets.
+    Seeds increase over the generations, so that no two scenarios share noise, tiles or encoder offsets.
     """
     judging, rng = round_ == config.generations, np.random.default_rng((config.seed, round_))
     first, kinds = config.seed + round_ * config.total(config.scenarios), config.kinds if judging else config.scenarios
@@ -44,7 +44,7 @@ def draw(config: TuneConfig, round_: int) -> list[Case]:
 
 
 def _drawn(config: TuneConfig, kind: Kind, sector: int, rng: np.random.Generator) -> Case:
-    """Condition and push of one scenario, as plain values."""
+    """Draw condition and push of one scenario, as plain values."""
     terrain: str | Terrain = FLAT
     if kind.tiles is not None:
         terrain = Terrain("tiles", height=rng.uniform(*kind.tiles))
@@ -81,7 +81,7 @@ def _drawn(config: TuneConfig, kind: Kind, sector: int, rng: np.random.Generator
 
 
 def sector_name(config: TuneConfig, kind: Kind, sector: int) -> str:
-    """The words for a sector."""
+    """Return the name of a sector."""
     if kind.push is not None:
         return direction_name(2.0 * math.pi * sector / config.directions)
     return "ahead" if kind.slope is None else SLOPES[sector]
@@ -103,9 +103,9 @@ def trial(
     robot: str, parameters: Parameters, kind: str, sector: int, seed: int, condition: Case, push: Case | None,
     duration: float,
 ) -> Case:  # fmt: skip
-    """One scenario: ``loss`` [-], ``reason`` of a failure, processor time ``cpu`` [s].
+    """Run one scenario: ``loss`` [-], ``reason`` of a failure, processor time ``cpu`` [s].
 
-    Parameters that the schema refuses, and a robot that does not get to its push, have the largest loss.
+    The loss is largest for parameters that the schema refuses, and if the robot fails before its push.
     """
     begin = time.process_time()
     under = parse_config(Condition, condition, f"scenario {kind}")
@@ -128,7 +128,7 @@ def _walk(model: RobotModel, condition: Condition, seed: int, duration: float) -
 def _push(model: RobotModel, condition: Condition, seed: int, push: Case) -> tuple[float, str]:
     config = map_config()
     pushed = Trial(PushMode(push["mode"]), seed, push["phase"], push["angle"], condition.speed)
-    # On level ground, with a robot like its model, the loop does not depend on the seed: ``prepare`` starts it over
+    # On level ground, without deviation, the loop does not depend on the seed: ``prepare`` resets it
     world = replace(condition, speed=None)
     loop = _loop(model, world, 0 if condition.terrain == FLAT and condition.deviation is None else seed)
     prepare(loop, pushed)

@@ -1,12 +1,12 @@
-"""Search of parameters of the laws: CMA-ES in closed loop, judged on scenarios that the search has not seen.
+"""Search for parameters of the laws with CMA-ES in closed loop, judged on scenarios that are not used in the search.
 
-Every candidate of a generation gets the same scenarios (common random numbers), so that candidates differ by their
-parameters alone; the next generation gets others. ``scenarios.py`` draws and simulates them, ``race.py`` has the robust
-loss and leaves out the scenarios that cannot matter. The result is the mean of the last distribution, not the luckiest
-candidate.
+All candidates of a generation run the same scenarios (common random numbers), so that they differ only by their
+parameters; the next generation has others. ``scenarios.py`` draws and simulates them. ``race.py`` computes the robust
+loss and skips scenarios that cannot affect the result. The result is the mean of the last distribution, not the best
+candidate, which may be lucky.
 
-The search depends on its file and the seeds alone. Where finished scenarios are kept in a file (``Options.sweep``), it
-goes through them again without measuring, and goes on where it ended.
+The search depends only on its file and the seeds. With a file of finished scenarios (``Options.sweep``), a rerun reads
+them instead of measuring them again, and continues where the search ended.
 
 References:
     Hansen: The CMA evolution strategy: a tutorial, arXiv 1604.00772.
@@ -24,17 +24,17 @@ from benchmarks.tuning.scenarios import draw, trial
 from models.errors import PoiseError
 from models.types import Vector
 
-DIGITS = 4  #: Significant digits of the result
+DIGITS = 4  #: Significant digits of the parameters
 
 
 @dataclass(frozen=True, slots=True)
 class Generation:
-    """What became of one generation."""
+    """Summary of one generation."""
 
-    losses: list[float]  #: Of the ``mu`` best candidates, ascending [-]
-    parameters: Parameters  #: Mean of the distribution after it
-    measured: int  #: Scenarios; the others were left out
-    total: int  #: Scenarios, with those left out
+    losses: list[float]  #: Losses of the ``mu`` best candidates, ascending [-]
+    parameters: Parameters  #: Mean of the distribution after the generation
+    measured: int  #: Number of measured scenarios
+    total: int  #: Number of scenarios, including skipped ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,13 +44,13 @@ class Tuned:
     start: Parameters
     found: Parameters
     history: list[Generation]
-    before: list[Case]  #: Scenarios that judge, with the parameters at the start
-    after: list[Case]  #: The same with those found
-    cpu: float  #: Processor time of all scenarios, also of those that were there already [s]
+    before: list[Case]  #: Judging scenarios with the initial parameters
+    after: list[Case]  #: Judging scenarios with the found parameters
+    cpu: float  #: Processor time of all scenarios, including those from the file [s]
 
     @property
     def cost(self) -> str:
-        """What the search took, in words."""
+        """Cost of the search as text."""
         measured, total = (sum(getattr(each, name) for each in self.history) for name in ("measured", "total"))
         judging = len(self.before) * (1 if self.found == self.start else 2)
         return f"{self.cpu / 3600.0:.2f} core-hours, {measured} of {total} scenarios of the search, {judging} to judge"
@@ -62,9 +62,9 @@ Losses = Callable[[Sequence[Parameters], int], Raced]
 def search(
     config: TuneConfig, start: Parameters, losses: Losses, progress: Callable[[Generation], None] = lambda _: None
 ) -> list[Generation]:
-    """Minimise the losses of the candidates of each generation, from parameters ``start`` on.
+    """Minimise the losses of the candidates of each generation, starting at ``start``.
 
-    ``progress`` gets each generation as it ends. ``PoiseError`` without ``cmaes``.
+    ``progress`` receives each finished generation. ``PoiseError`` without ``cmaes``.
     """
     try:
         from cmaes import CMA
@@ -83,7 +83,7 @@ def search(
     for number in range(config.generations):
         points = [optimizer.ask() for _ in range(config.population)]
         raced = losses([named(x) for x in points], number)
-        if min(raced.losses) < max(raced.losses):  # equal losses say nothing, and would let the mean drift
+        if min(raced.losses) < max(raced.losses):  # equal losses have no information, and would let the mean drift
             optimizer.tell(list(zip(points, map(float, raced.losses), strict=True)))
         best, measured = sorted(raced.losses)[: config.best], int((~np.isnan(raced.table)).sum())
         history.append(Generation(best, named(optimizer.mean), measured, raced.table.size))
@@ -97,9 +97,9 @@ def tune(
     progress: Callable[[Generation], None] = lambda _: None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> Tuned:
-    """Search, and judge the present parameters and those found.
+    """Search, then judge the present and the found parameters.
 
-    ``advance`` gets how many more scenarios are measured or left out.
+    ``advance`` receives the number of scenarios measured or skipped since its last call.
     """
     start, cpu = present(config, options.robot), 0.0
     earlier: dict[Group, list[float]] = {}
