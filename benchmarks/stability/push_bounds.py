@@ -90,7 +90,7 @@ def torque_bound(model: RobotModel, q: Vector, direction: Vector, duration: floa
 
 
 def static_force(model: RobotModel, q: Vector, direction: Vector, tau_max: Vector) -> float:
-    """Return the largest force [N] on the CoM at rest along a horizontal unit vector in W; ``PoiseError`` without one."""
+    """Return the largest force [N] on the CoM at rest along a horizontal unit vector in W; ``PoiseError`` if none."""
     gravity, contact, com = _terms(model, q)
     pulled = com.T @ direction  # (nv,)
     maps = np.column_stack((contact.T, pulled))  # (nv, 13)
