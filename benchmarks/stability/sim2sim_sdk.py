@@ -120,7 +120,7 @@ def judged(found: dict[str, Any]) -> Case:
 
 
 class Sim2simSdk(Benchmark):
-    """Both sides, or the selected ones, once per seed; one after another because they run in real time."""
+    """All scenarios, or the selected ones, once per seed; one after another because they run in real time."""
 
     measure = staticmethod(measure)
     alone = True
