@@ -1,4 +1,4 @@
-"""Plants: the boundary between the driver program and a robot, and the start of a robot that is held."""
+"""Plants: the interface between the driver program and a robot, and the release of a held robot."""
 
 from __future__ import annotations
 
@@ -30,48 +30,48 @@ BUILT_IN: Mapping[str, str] = {
 
 
 class Plant(Protocol):
-    """A robot for its driver program: sensors in, commands of the joint drives out.
+    """Interface of a robot to its driver program: sensors in, joint drive commands out.
 
-    The driver calls ``read`` and ``write`` once in every ``period``, in this order. It arms and damps the joints by its
-    commands: without gains and torque until the supervisor requests more.
+    The driver calls ``read``, then ``write``, once per ``period``. Its commands also arm and damp the joints: gains and
+    torques are zero until the supervisor requests a mode with motion.
     """
 
     @property
     def period(self) -> float:
-        """Time from one tick to the next [s]."""
+        """Time between two ticks [s]."""
 
     def read(self) -> SensorData:
-        """Newest measurements, nan where not measured; the robot's stamp stays the same without a new sample."""
+        """Newest measurements, NaN where not measured; the stamp changes only with a new sample."""
 
     def write(self, command: JointCommand) -> None:
-        """Set the command that the drives track until the next call.
+        """Set the command of the drives until the next call.
 
-        tau = kp (q_d - q) + kd (v_d - v) + tau_d, limits applied.
+        tau = kp (q_d - q) + kd (v_d - v) + tau_d, within the torque limits.
         """
 
     def close(self) -> None:
-        """Release the torque and the connection; otherwise the robot may keep its last command."""
+        """Release the torque and the connection; without this call the robot may keep its last command."""
 
 
 @runtime_checkable
 class HardwarePlant(Plant, Protocol):
-    """A real robot, which is started from its vendor's controller by ``bridge/driver/startup.py``.
+    """A real robot. ``bridge/driver/startup.py`` starts it from its vendor's controller.
 
-    All properties are those of the newest ``read``. ``write`` is not called before the vendor's controller is released,
-    or is known to be inactive after a crash.
+    All properties refer to the newest ``read``. The driver calls ``write`` only after the vendor's controller has been
+    released or, after a crash, is known to be inactive.
     """
 
     @property
     def crashed(self) -> bool:
-        """Whether the last driver ended without ``close``; the robot may have executed its last command since."""
+        """Whether the last driver ended without ``close``; the robot may still execute its last command."""
 
     @property
     def unfinished(self) -> bool:
-        """Whether this driver, or one that crashed, has commanded the robot since ``hand_over``, or the guard may."""
+        """Whether this or a crashed driver has commanded the robot since ``hand_over``, or the guard is armed."""
 
     @property
     def arrived(self) -> bool:
-        """Whether a newer sample than that of the last ``read`` is there; checked without waiting."""
+        """Whether a new sample has arrived since the last ``read``; does not block."""
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -79,7 +79,7 @@ class HardwarePlant(Plant, Protocol):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why not even damping may be commanded: the robot, or its active controller, is unknown."""
+        """Why even damping must not be commanded: the robot or its active controller is unknown."""
         return ()
 
     @property
@@ -89,42 +89,42 @@ class HardwarePlant(Plant, Protocol):
 
     @property
     def own_controller(self) -> str:
-        """What messages call the controller that the robot has by itself; empty for none."""
+        """Name of the vendor's controller in messages; empty without one."""
 
     @property
     def vendor(self) -> str | None:
-        """Name of the vendor's active controller, empty when none is active, None while unknown."""
+        """Name of the vendor's active controller; empty when none is active, None while unknown."""
 
     @property
     def stop(self) -> str:
-        """Reason to damp at once: the remote controller or a monitor; empty for none."""
+        """Reason for immediate damping, from the remote controller or a monitor; empty for none."""
 
     @property
     def foreign(self) -> bool:
-        """Whether commands of another program are on the robot's network."""
+        """Whether another program sends commands on the robot's network."""
         return False
 
     @property
     def jumped(self) -> bool:
-        """Whether the robot's clock has jumped: it was restarted, or nothing has read it for too long."""
+        """Whether the robot's clock has jumped: the robot restarted, or nothing has read its clock for too long."""
         return False
 
     @property
     def pressed(self) -> str:
-        """Stop button that is pressed on the remote controller, other than to try it; empty for none."""
+        """Stop button pressed on the remote controller, except during its test; empty for none."""
         return ""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the monitors report, without an effect."""
+        """Reports of the monitors that have no effect."""
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """What the monitors report, for which no motion and no walk may begin."""
+        """Reports of the monitors that forbid the start of a motion or a walk."""
 
     @property
     def report(self) -> Mapping[str, str]:
-        """Further entries of the diagnostics."""
+        """Additional entries of the diagnostics."""
 
     @property
     def monitored(self) -> Mapping[str, str]:
@@ -133,44 +133,44 @@ class HardwarePlant(Plant, Protocol):
 
     @property
     def remote_age(self) -> float | None:
-        """Time since the last sign of the remote controller [s], infinite before the first; None without one."""
+        """Time since the last sign of the remote controller [s]; infinite before the first, None without a remote."""
         return None
 
     @property
     def end_warning(self) -> str:
-        """Why ``close`` did not leave the robot as it should; empty when it did."""
+        """Why ``close`` did not leave the robot in its intended state; empty when it did."""
         return ""
 
     def executed(self, command: JointCommand) -> JointCommand:
-        """What the robot executes of a command: its gains may be reduced."""
+        """The command as the robot executes it: its gains may be reduced."""
         return command
 
     def hand_over(self) -> None:
-        """End all commands, those of a guard process included: the vendor's controller is active."""
+        """End all commands, including those of the guard process, because the vendor's controller is active."""
 
     def release_vendor(self) -> None:
-        """Request the end of the vendor's controller, again where it has not been answered."""
+        """Request the end of the vendor's controller; repeats a request that has no answer."""
 
 
 class Obstacle(Protocol):
-    """The box of a terrain that has one."""
+    """The movable box of a terrain, if it has one."""
 
     @property
     def centre(self) -> Vector | None:
-        """Middle of the box in W (3,) [m]; None for a terrain without one."""
+        """Centre of the box in W (3,) [m]; None for a terrain without a box."""
 
     def place(self, x: float, y: float) -> None:
-        """Place the box on the ground at a point of W [m]; ``CommandError`` without a box, for NaN or infinity."""
+        """Place the box on the ground at (x, y) in W [m]; ``CommandError`` without a box, or for NaN or infinity."""
 
     def remove(self) -> None:
-        """Move the box out of the way; no effect for a terrain without one."""
+        """Move the box out of the way; no effect without a box."""
 
 
 @runtime_checkable
 class SimulatedPlant(Plant, Protocol):
-    """A plant with a world that can be reset, disturbed and inspected.
+    """A plant in a simulated world that can be reset, disturbed and inspected.
 
-    Time advances with ``step`` only. Only the driver, the closed loop and scores use these methods; no law does.
+    Only ``step`` advances time. The driver, the closed loop and the scoring use these methods; control laws do not.
     ``faults`` injects faults into sensors and drives.
     """
 
@@ -187,17 +187,17 @@ class SimulatedPlant(Plant, Protocol):
 
     @property
     def load(self) -> float:
-        """True normal force on both soles [N]."""
+        """True normal force, summed over both soles [N]."""
 
     @property
     def truth(self) -> RobotState:
         """True state; for scoring only."""
 
     def reset(self, seed: int | None = None) -> None:
-        """Reset the robot to its start with its base held; a seed replaces that of the sensor noise."""
+        """Reset the robot to its start with its base held; a seed replaces the seed of the sensor noise."""
 
     def hold(self) -> None:
-        """Hold the base where it is."""
+        """Hold the base at its present pose."""
 
     def release(self) -> None:
         """Release the base."""
@@ -206,13 +206,13 @@ class SimulatedPlant(Plant, Protocol):
         """Lift the held robot by a height [m]."""
 
     def push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
-        """Push a body's CoM with a force in W (3,) [N] for a time [s]; ``CommandError`` for invalid arguments."""
+        """Push a body at its CoM with a force in W (3,) [N] for a time [s]; ``CommandError`` for invalid arguments."""
 
     def transmit(self, sensors: SensorData) -> SensorData | None:
-        """The sample of this tick as the laws receive it; None when a fault suppresses its joints."""
+        """The sample of this tick as the control laws receive it; None when a fault suppresses the joint states."""
 
     def transmit_scan(self, scan: Scan) -> Scan | None:
-        """A scan as the laws receive it; None when a fault suppresses it."""
+        """A scan as the control laws receive it; None when a fault suppresses it."""
 
     def step(self) -> None:
         """Advance the world by one period."""
@@ -228,11 +228,11 @@ def find_plant(name: str) -> Callable[..., Plant]:
 
 
 def find_guard(name: str) -> Callable[..., Any] | None:
-    """What connects the guard process of a plant, by the plant's name; None for a plant without one.
+    """Function that creates the guard of a plant, by the plant's name; None for a plant without a guard.
 
-    The attribute ``guard_process`` of the plant's class is its place, ``module:function``. It gets the robot, the
-    robot's DDS domain and the options of the plant, and returns a ``SilenceGuard`` with its connection. Raises
-    ``ConfigError`` as ``find_plant``, and for a place that cannot be imported.
+    The attribute ``guard_process`` of the plant's class names it as ``module:function``. It takes the robot, the
+    robot's DDS domain and the options of the plant, and returns a ``SilenceGuard`` and its connection. Raises
+    ``ConfigError`` as ``find_plant`` does, and if the function cannot be imported.
     """
     place = getattr(find_plant(name), "guard_process", "")
     return _resolve(f"plant '{name}': guard_process '{place}'", place) if place else None
@@ -247,7 +247,7 @@ def _resolve(what: str, place: str) -> Callable[..., Any]:
 
 
 def make_plant(name: str, model: RobotModel, options: Mapping[str, Any]) -> Plant:
-    """Plant by its name for ``find_plant`` with keyword arguments; ``ConfigError`` for wrong ones."""
+    """Create a plant by its name (see ``find_plant``) with keyword arguments; ``ConfigError`` for wrong ones."""
     plant = find_plant(name)
     known = list(signature(plant).parameters.values())[1:]  # without the model
     names = [each.name for each in known if each.kind is not each.VAR_KEYWORD]
@@ -268,9 +268,9 @@ def hanging_command(model: RobotModel) -> JointCommand:
 
 
 def standing_torques(model: RobotModel, joints: Vector, data: pin.Data) -> Vector:
-    """Joint torques (nj,) that hold joints (nj,) [rad] at rest with both soles on the floor: tau = g(q) - sum J' w.
+    """Joint torques (nj,) [N.m] at rest at joint positions (nj,) [rad], soles on the floor: tau = g(q) - sum J' w.
 
-    Each foot bears the share of the weight that puts the CoP below the CoM, at the CoM's place along the foot.
+    The weight is shared between the feet so that the CoP is below the CoM. The CoP of each foot is at the CoM's x.
     """
     q = model.planted(joints, data)
     torques = pin.computeGeneralizedGravity(model.pin, data, q)[6:]
@@ -290,10 +290,9 @@ def standing_torques(model: RobotModel, joints: Vector, data: pin.Data) -> Vecto
 class ReleaseGate:
     """Detects that the feet of a held robot bear its weight, so that the release causes no transient.
 
-    Open when |F_z - m g| <= load_tolerance m g for the vertical load on both soles, averaged over ``load_window``, and
-    at least ``settle_time`` has passed. After that more and more load than the weight is accepted, in proportion to the
-    time: where the ankles are weak, the law presses to correct an attitude that the hold does not let it change. The
-    load is the true one, as a crane measures it.
+    The gate opens after ``settle_time`` when |F_z - m g| <= load_tolerance m g. F_z is the vertical load on both soles,
+    averaged over ``load_window``. The upper tolerance grows in proportion to the time: with weak ankles the controller
+    presses the feet down to correct an attitude that the hold keeps. The load is the true one, as a crane measures it.
     """
 
     def __init__(self, model: RobotModel, config: LoopConfig) -> None:
@@ -324,9 +323,9 @@ def release_loaded(
     step: Callable[[], None],
     fault: Callable[[], str] = lambda: "",
 ) -> None:
-    """Step a held robot until its feet bear its weight, and release it; ``PoiseError`` where they do not.
+    """Step a held robot until its feet bear its weight, then release it; ``PoiseError`` when they do not.
 
-    ``fault`` returns why the robot cannot stand, empty while it can.
+    ``fault`` returns why the robot cannot stand; empty while it can.
     """
     gate = ReleaseGate(robot, config)
     while not gate.update(plant.load, plant.period):

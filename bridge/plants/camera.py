@@ -1,4 +1,4 @@
-"""The simulated camera: MuJoCo without a display, in a separate process with ``MUJOCO_GL`` set before its import."""
+"""The simulated camera: off-screen rendering with MuJoCo, in a process that sets ``MUJOCO_GL`` before the import."""
 
 import mujoco
 import numpy as np
@@ -20,11 +20,11 @@ _HIDDEN = 5  #: Group of geoms that are not drawn
 class SimulatedCamera(SeenWorld):
     """Renders the world of a simulated robot from frame ``camera_optical_frame``.
 
-    It has a copy of the plant's world, which is set from given states, so an image takes the plant no time. The camera
-    does not see the link that it is mounted on, as from inside a housing.
+    It renders a copy of the plant's world at given states, so the plant does not wait for images. The link that carries
+    the camera is invisible to it, as from inside a housing.
 
     ``target`` is the position of the ball in W (3,) [m], None for no ball. Raises ``ConfigError`` when the robot has no
-    camera, and whatever MuJoCo raises without a usable OpenGL.
+    camera, and the errors of MuJoCo without a usable OpenGL.
     """
 
     def __init__(self, model: RobotModel, config: CameraConfig | None = None, terrain: str | Terrain = FLAT) -> None:
@@ -50,7 +50,7 @@ class SimulatedCamera(SeenWorld):
         self._renderer.close()
 
     def render(self, q: Vector) -> NDArray[np.uint8]:
-        """Image with the robot in a configuration (nq,): rows of red, green, blue (height, width, 3)."""
+        """RGB image (height, width, 3) of the robot at a configuration (nq,)."""
         position, axes = self.place(q)
         mujoco.mj_comPos(self._model, self._data)  # lights follow the robot's centre of mass
         mujoco.mj_camlight(self._model, self._data)
@@ -62,12 +62,12 @@ class SimulatedCamera(SeenWorld):
         return picture
 
     def place(self, q: Vector) -> tuple[Vector, Matrix]:
-        """Pose of the camera in W with the robot in a configuration (nq,): position (3,) [m], axes (3, 3)."""
+        """Set a configuration (nq,); returns the pose of the camera in W: position (3,) [m], axes (3, 3)."""
         self.set(q)
         return self._data.site_xpos[self._site].copy(), self._data.site_xmat[self._site].reshape(3, 3).copy()
 
     def _in_sight(self, position: Vector, axes: Matrix) -> NDArray[np.bool_]:
-        """Whether a part of a geom may be in the image (ngeom,); hidden meshes take rendering time, too."""
+        """Whether each geom may be in the image (ngeom,), because meshes out of sight take rendering time, too."""
         x, y, z = ((self._data.geom_xpos - position) @ axes).T
         reach, pinhole = self._model.geom_rbound, self.intrinsics
         seen: NDArray[np.bool_] = z > -reach

@@ -39,7 +39,7 @@ class LoopConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class TargetConfig:
-    """A ball that is in the pictures only."""
+    """A ball that only appears in the images."""
 
     radius: Annotated[float, Field(gt=0, le=5)]  #: Radius of the ball of camera/target [m]
     colour: tuple[Proportion, Proportion, Proportion]  #: Its red, green and blue [-]
@@ -47,19 +47,19 @@ class TargetConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class CameraConfig:
-    """Contents of a picture; a zero among the first four stands for the profile's value."""
+    """Contents of an image; 0 in one of the first four fields selects the profile's value."""
 
-    width: Annotated[int, Field(ge=0, le=4096)]  #: Of a picture; 0: the profile's [pixel]
-    height: Annotated[int, Field(ge=0, le=4096)]  #: Of a picture; 0: the profile's [pixel]
-    horizontal_fov: Annotated[float, Field(ge=0, le=2.8)]  #: Of a picture; 0: the profile's [rad]
-    rate: Annotated[float, Field(ge=0, le=1000)]  #: Pictures a simulated second; 0: the profile's [Hz]
-    near: Annotated[float, Field(gt=0, le=1)]  #: What is nearer is not drawn [m]
-    far: Annotated[float, Field(gt=1, le=1000)]  #: What is farther is not drawn [m]
-    shadows: bool  #: Draw shadows, which takes two to three times as long
+    width: Annotated[int, Field(ge=0, le=4096)]  #: Width of an image; 0: the profile's [pixel]
+    height: Annotated[int, Field(ge=0, le=4096)]  #: Height of an image; 0: the profile's [pixel]
+    horizontal_fov: Annotated[float, Field(ge=0, le=2.8)]  #: Horizontal field of view; 0: the profile's [rad]
+    rate: Annotated[float, Field(ge=0, le=1000)]  #: Images per simulated second; 0: the profile's [Hz]
+    near: Annotated[float, Field(gt=0, le=1)]  #: Nearest distance that is drawn [m]
+    far: Annotated[float, Field(gt=1, le=1000)]  #: Farthest distance that is drawn [m]
+    shadows: bool  #: Draw shadows; an image then takes two to three times as long
     target: TargetConfig
 
     def sensor(self, camera: CameraSensor) -> CameraSensor:
-        """The camera of a profile with the values given here; ``ConfigError`` names a value out of range."""
+        """A profile's camera with the non-zero values of this record; ``ConfigError`` names a value out of range."""
         given = {name: getattr(self, name) for name in ("width", "height", "horizontal_fov", "rate")}
         return parse_config(
             CameraSensor, asdict(camera) | {name: value for name, value in given.items() if value}, "camera"
@@ -82,31 +82,31 @@ class DriverConfig:
     rate: Annotated[float, Field(ge=100.0, le=2000.0)]  #: Rate of the simulated drivers [Hz]
     sensor_rate: Annotated[float, Field(ge=0.0, le=2000.0)]  #: Rate of the sensors' topics; 0: in every tick [Hz]
     slow_rate: Annotated[float, Field(ge=1.0, le=1000.0)]  #: Rate of /clock and /ground_truth/odom [Hz]
-    #: Age of the sensors a command answers above which it is refused [s]
+    #: Age of the sensors above which a command computed from them is refused [s]
     command_age_max: Annotated[float, Field(ge=0.001, le=1.0)]
-    latency_file: str  #: Where to write the latencies; empty for none
+    latency_file: str  #: File for the measured latencies; empty for none
     lockstep: bool  #: The plant waits for the command of each tick; sensors are then reliable (for deterministic tests)
-    speed: Annotated[float, Field(ge=0.01, le=1.0)]  #: Simulated over real time, without lockstep
+    speed: Annotated[float, Field(ge=0.01, le=1.0)]  #: Ratio of simulated to real time, without lockstep
     #: Whether simulated time waits for late commands (yield) or follows the clock (strict)
     real_time: Literal["yield", "strict"]
-    #: Age of the newest command from which simulated time waits [s]
+    #: Age of the newest command above which simulated time waits [s]
     yield_lag: Annotated[float, Field(ge=0.001, le=1.0)]
-    #: Age of what the supervisor judged from which time waits [s]
+    #: Age of the newest state checked by the supervisor above which simulated time waits [s]
     yield_supervisor: Annotated[float, Field(ge=0.001, le=1.0)]
-    #: Age of what the simulated range sensors have measured from which time waits [s]
+    #: Age of the newest state measured by the range sensors above which simulated time waits [s]
     yield_range_sensors: Annotated[float, Field(ge=0.001, le=1.0)]
-    yield_max: Annotated[float, Field(ge=0.0, le=60.0)]  #: Longest wait; then time goes on and the drivers time out [s]
+    yield_max: Annotated[float, Field(ge=0.0, le=60.0)]  #: Longest wait; then time advances and the drivers time out [s]
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)]  #: Seed of the simulated sensors' noise
     sensor_noise: bool  #: Noise, bias and quantisation of the profile
     sensor_errors: str  #: Further errors of the simulated sensors: a file, or YAML; empty for none
     faults: FaultParameters
     terrain: str  #: Ground: a name of models/config/terrain.yaml, or flat
     payload: Annotated[float, Field(ge=0.0, le=100.0)]  #: Simulated mass that is not in the model [kg]
-    place: tuple[float, float, float]  #: Start of the robot in a world of several: x [m], y [m], heading [rad]
+    place: tuple[float, float, float]  #: Start of the robot in a world of several robots: x [m], y [m], heading [rad]
 
 
 def read_options(text: str) -> dict[str, Any]:
-    """Options of a plant from YAML in braces or a file; ``ConfigError`` when unreadable or a key is no name."""
+    """Options of a plant from YAML in braces or a file; ``ConfigError`` if unreadable, or if a key is not a string."""
     if not text.strip():
         return {}
     options = parse_yaml(text, "plant_options") if text.lstrip().startswith("{") else read_yaml(Path(text))

@@ -1,4 +1,4 @@
-"""A simulated robot that differs from its profile, which the laws still have: what a real robot does, and a tool."""
+"""Model errors: a simulated robot that differs, as a real one does, from the profile that the control laws use."""
 
 import mujoco
 import numpy as np
@@ -15,28 +15,28 @@ _STREAM = 7  # of random numbers, apart from that of the sensor noise
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Deviation:
-    """Differences between the true robot and its profile; those left out are none.
+    """Differences between the simulated robot and its profile; the defaults change nothing.
 
-    Values drawn at random depend on the seed alone.
+    Random values depend on the seed only.
     """
 
     mass: Positive = 1.0  #: Factor on all masses and inertias [-]
-    com: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Shift of the robot's CoM, made by that of the torso [m]
-    torso_mass: NonNegative = 0.0  #: Added to that of the torso [kg]
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Shift of the robot's CoM, by a shift of the torso's CoM [m]
+    torso_mass: NonNegative = 0.0  #: Added to the mass of the torso [kg]
     torso_com: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Shift of the torso's CoM in the torso's frame [m]
     armature: Positive | None = None  #: Rotor inertia of every joint [kg.m^2]
     friction: Positive = 1.0  #: Factor on the dry friction of every joint [-]
-    frictionloss: tuple[NonNegative, NonNegative] | None = None  #: Range of a joint's dry friction, drawn [N.m]
-    torque_limits: dict[str, Positive] | None = None  #: By joint [N.m]
-    imu: tuple[float, float, float] | None = None  #: Place of the IMU in the frame of its link's body [m]
-    encoder_offset: NonNegative = 0.0  #: Bound of the offset of each encoder, drawn uniformly [rad]
+    frictionloss: tuple[NonNegative, NonNegative] | None = None  #: Range of the random dry friction of each joint [N.m]
+    torque_limits: dict[str, Positive] | None = None  #: Torque limit by joint [N.m]
+    imu: tuple[float, float, float] | None = None  #: Position of the IMU in the frame of its link's body [m]
+    encoder_offset: NonNegative = 0.0  #: Bound of the uniform random offset of each encoder [rad]
 
     def encoder_offsets(self, model: RobotModel, seed: int) -> Vector:
         """Measured minus true position of each joint (nj,) [rad]."""
         return self.encoder_offset * np.random.default_rng([seed, _STREAM, 0]).uniform(-1.0, 1.0, model.nj)
 
     def apply(self, plant: MujocoPlant, seed: int) -> None:
-        """Change a plant that is alone in its world, which is reset; ``JointNameError`` for an unknown joint."""
+        """Apply to the only plant of a world, and reset it; ``JointNameError`` for an unknown joint."""
         mj, robot = plant.model, plant.robot
         self._set_masses(plant)
         dofs = plant.mujoco.joint_qvel

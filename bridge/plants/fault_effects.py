@@ -1,4 +1,4 @@
-"""The effect of a fault: which channels it changes, and their values tick by tick."""
+"""Effects of faults: the channels that a fault changes, and their values at each tick."""
 
 import math
 from collections import deque
@@ -20,7 +20,7 @@ STAMPS, SCAN = "stamps", "scan"
 IMU, JOINT_STATES = "imu", "joint_states"
 FEET = tuple(f"foot:{name}" for name in FOOT_NAMES)  #: Sources of messages; targets of the same name
 Effect: TypeAlias = Callable[[int, Vector], tuple[Vector, bool]]
-"""Ticks since the injection and true values (n,) -> resulting values (n,), and whether the message is missing.
+"""(ticks since the fault began, true values (n,)) -> (resulting values (n,), whether the message is missing).
 
 An effect may keep a reference to the true values."""
 
@@ -29,24 +29,24 @@ An effect may keep a reference to the true values."""
 class Channels:
     """The channels of one target."""
 
-    #: Channels (n,) of: the joint torques for motors, the readings of a scan for 'scan', positions, velocities and
-    #: torques of all joints and the stamp for 'joint_states' and 'stamps', and ``SensorNoise`` otherwise
+    #: Indices (n,) into the joint torques (motors), the ranges of a scan ('scan'), the positions, velocities and
+    #: torques of all joints followed by the stamp ('joint_states', 'stamps'), or the channels of ``SensorNoise``
     index: NDArray[np.intp]
-    low: Vector  #: Full scale (n,)
-    high: Vector  #: Full scale (n,)
-    #: Equal parts of ``index``, of which parameters concern the first; encoders have two, positions and velocities,
-    #: 'joint_states' three
+    low: Vector  #: Lower end of the full scale (n,)
+    high: Vector  #: Upper end of the full scale (n,)
+    #: Number of equal parts of ``index``; parameters apply to the first one. Encoders have two parts (positions and
+    #: velocities), 'joint_states' three
     blocks: int = 1
     sources: frozenset[str] = frozenset()  #: Messages that are missing when the target is off
     derived: bool = False  #: Whether a constant value implies zero velocities, as in an encoder
 
     @property
     def first(self) -> NDArray[np.bool_]:
-        """Which of the channels belong to the first block (n,)."""
+        """Whether each channel belongs to the first block (n,)."""
         return np.arange(len(self.index)) < len(self.index) // self.blocks
 
     def spread(self, name: str, value: object) -> Vector:
-        """A parameter for all channels (n,), given once or for each of the first block; ``ConfigError`` otherwise."""
+        """Expand a parameter (one number, or one per channel of the first block) to (n,); else ``ConfigError``."""
         size = len(self.index) // self.blocks
         given = np.asarray(value, dtype=np.float64)
         if given.shape not in ((), (size,)):
@@ -54,7 +54,7 @@ class Channels:
         return np.tile(np.broadcast_to(given, (size,)), self.blocks)
 
 
-#: First channel behind the joints, number of channels, and messages of IMU and feet
+#: First channel (counted after the joints), number of channels, and messages of IMU and feet
 _PARTS = {
     IMU: (0, 6, frozenset({IMU})),
     "imu.gyro": (0, 3, frozenset({IMU})),
@@ -113,7 +113,7 @@ def _full_scale(model: RobotModel) -> tuple[Vector, Vector]:
 def effect_of(
     fault: Fault, channels: Channels, before: Vector, period: float, grace: float, rng: np.random.Generator
 ) -> Effect:
-    """The effect of a fault on channels ``before`` (n,), bridging ``grace`` missing messages; or ``ConfigError``."""
+    """Effect of a fault after values ``before`` (n,), with ``grace`` ticks of repetition; ``ConfigError`` if unfit."""
     fill = 0.0 if fault.is_motor else math.nan
     try:
         match fault.kind:
@@ -137,7 +137,7 @@ def effect_of(
 
 
 def _lost(lost: Callable[[int], bool], last: Vector, grace: float, fill: float) -> Effect:
-    """Lost values; the last one is repeated for ``grace`` ticks, then replaced by ``fill``."""
+    """Loss of values: the last value is repeated for ``grace`` ticks, then replaced by ``fill``."""
     last_k = -1
 
     def effect(k: int, x: Vector) -> tuple[Vector, bool]:
@@ -160,7 +160,7 @@ def _interruptions(fault: Fault, period: float, rng: np.random.Generator) -> Cal
 
 
 def _pauses(fault: Fault, period: float) -> Callable[[int], bool]:
-    """Ticks without a new value at the rate; the first has one."""
+    """Ticks without a new value at the fault's rate; the first tick has one."""
     per_tick = (fault.rate or 0.0) * period
     if per_tick > 1.0 + 1e-9:
         raise ConfigError(f"rate: {fault.rate} Hz is above that of the ticks, {1.0 / period:g} Hz")
@@ -176,7 +176,7 @@ def _pauses(fault: Fault, period: float) -> Callable[[int], bool]:
 
 
 def _delayed(ticks: int, out: Vector) -> Effect:
-    """Values delayed by some ticks; ``out``, from before the fault, until the first arrives."""
+    """Delay by some ticks; until the first value arrives, the result is ``out``, the value before the fault."""
     line: deque[tuple[int, Vector]] = deque()
 
     def effect(k: int, x: Vector) -> tuple[Vector, bool]:

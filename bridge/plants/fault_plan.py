@@ -1,4 +1,4 @@
-"""Faults of the simulated sensors and motors: target, kind and times, and the YAML that lists them."""
+"""Faults of the simulated sensors and motors: target, kind and times; plans in YAML."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,32 +31,32 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "intermittent": ("probability", "period", "share"),
 }
 STAMP_KINDS = ("stuck", "wrong", "delayed")  #: Kinds for stamps
-START, RELEASE = "start", "release"  #: Events that inject a plan
+START, RELEASE = "start", "release"  #: Events at which a plan is injected
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault of a sensor or a motor; ``docs/faults.md`` has every target and kind.
+    """One fault of a sensor or a motor; ``docs/faults.md`` lists all targets and kinds.
 
     ``value``, ``offset``, ``drift`` and ``scale`` are one number, or one for each axis or joint of the target, in the
-    units of ``SensorData``; those of encoders are positions. Raises ``ConfigError``, which names it, for an unknown
-    target or kind, or a parameter that is missing, of another kind, or out of range.
+    units of ``SensorData``; for encoders they refer to positions. Raises ``ConfigError`` for an unknown target or kind,
+    and for a parameter that is missing, belongs to another kind, or is out of range.
     """
 
     target: str  #: One of ``TARGETS``
     kind: str  #: One of ``PARAMETERS``
-    start: float = 0.0  #: Begin, counted from the injection [s]
-    end: float = math.inf  #: End, counted from the injection [s]
+    start: float = 0.0  #: Begin, relative to the injection [s]
+    end: float = math.inf  #: End, relative to the injection [s]
     value: Numbers | None = None  #: Replaces the true value
     offset: Numbers | None = None  #: Added to the true value
     scale: Numbers | None = None  #: Factor on the true value, or on the full scale [-]
-    drift: Numbers | None = None  #: Growth of the added value, in its unit per second
-    #: Age of the values [s]; until the first arrives, the value before the fault is repeated
+    drift: Numbers | None = None  #: Rate of change of the added value, in its unit per second
+    #: Delay of the values [s]; until the first one arrives, the value before the fault is repeated
     delay: float | None = None
     rate: float | None = None  #: Rate of new values [Hz]
-    probability: float | None = None  #: Share of the ticks that are lost, each drawn independently [-]
+    probability: float | None = None  #: Probability that a tick is lost, independent of the others [-]
     period: float | None = None  #: Time from one interruption to the next [s]
-    share: float | None = None  #: Share of the period, from its beginning, that is lost [-]; a half by default
+    share: float | None = None  #: Part of each period, from its begin, that is lost [-]; 0.5 by default
 
     def __post_init__(self) -> None:
         if self.pattern not in TARGETS:
@@ -79,7 +79,7 @@ class Fault:
 
     @property
     def pattern(self) -> str:
-        """The target with NAME in place of a joint's name."""
+        """The target with the joint's name replaced by NAME."""
         group, colon, name = self.target.partition(":")
         return f"{group}:NAME" if colon and group != "foot" and name else self.target
 
@@ -90,7 +90,7 @@ class Fault:
 
     @property
     def is_motor(self) -> bool:
-        """Whether the fault is of a motor, not a sensor."""
+        """Whether the target is a motor, not a sensor."""
         return self.target.startswith("motor")
 
     def __str__(self) -> str:
@@ -120,7 +120,7 @@ class Fault:
             raise self._refusal(name, f"{given} is negative")
 
     def _rules(self, own: tuple[str, ...]) -> Iterator[tuple[str, bool, str]]:
-        """Rules between the parameters: name, whether it is refused, reason."""
+        """Rules between the parameters: name, whether it is violated, reason."""
         given = {name for name in own if getattr(self, name) is not None}
         yield "start", self.start < 0.0, f"{self.start} s is before the injection"
         yield "end", not self.start < self.end, f"{self.end} s is not after the start at {self.start} s"
@@ -136,7 +136,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class FaultPlan:
-    """Faults injected together, at the 'release' of the robot, or at its 'start', before sensors are averaged."""
+    """Faults injected together, at the 'release' of the robot or at its 'start', before sensors are averaged."""
 
     faults: tuple[Fault, ...]
     since: str = RELEASE
@@ -149,8 +149,8 @@ class FaultPlan:
         return "; ".join(map(str, self.faults)) or "no faults"
 
 
-#: All forms of a plan: faults, YAML, the path of a YAML file, or the name of a packaged scenario. Empty text stands
-#: for no faults.
+#: All forms of a plan: faults, YAML, the path of a YAML file, or the name of a packaged scenario. Empty text means
+#: no faults.
 Faults: TypeAlias = Fault | FaultPlan | Sequence[Fault] | str | Path
 
 
@@ -162,8 +162,8 @@ def scenario_names() -> list[str]:
 def fault_plan(faults: Faults | None) -> FaultPlan:
     """Make a plan from any form of ``Faults``.
 
-    YAML is a mapping ``{since: release, faults: [{target: imu, kind: off, end: 0.02}, ...]}``, or its list alone, or
-    one fault alone. Raises ``ConfigError`` with the cause and the valid names.
+    YAML is a mapping ``{since: release, faults: [{target: imu, kind: off, end: 0.02}, ...]}``, only its list, or only
+    one fault. Raises ``ConfigError`` with the cause and the valid names.
     """
     if faults is None:
         return FaultPlan(())

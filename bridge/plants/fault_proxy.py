@@ -19,29 +19,29 @@ STREAM = 0xFA017  #: Separates random faults from the noise of the same seed
 @dataclass(slots=True)
 class _Injected:
     fault: Fault
-    channels: Channels  #: Its channels
-    first: int  #: Ticks from the injection to its beginning and to its end
-    last: float  #: Ticks from the injection to its beginning and to its end
-    rng: np.random.Generator  #: Random generator
-    zero: int | None = None  #: Tick of the injection: the first one that could show the fault; None before that
-    effect: Effect | None = None  #: Its effect; None before it begins
+    channels: Channels
+    first: int  #: Ticks from the injection to the begin
+    last: float  #: Ticks from the injection to the end
+    rng: np.random.Generator
+    zero: int | None = None  #: Tick of the injection: the first tick that the fault can affect; None before
+    effect: Effect | None = None  #: None before the begin
 
     @property
     def stage(self) -> str:
-        """Stage of its effect: 'sensors', 'messages', 'scan' or 'motors'."""
+        """Stage at which the fault acts: 'sensors', 'messages', 'scan' or 'motors'."""
         if self.fault.is_motor or self.fault.target == SCAN:
             return "motors" if self.fault.is_motor else SCAN
         return "messages" if self.fault.target in (JOINT_STATES, STAMPS) else "sensors"
 
 
 class FaultProxy:
-    """Applies faults to the sensors on their way out of the plant, and to the torques on their way in.
+    """Applies faults to the sensor values of the plant, and to the torques of its drives.
 
-    Faults of one target act one after the other, in the order of injection. Random values depend on the seed and on the
-    order of injection only. Without faults everything passes unchanged.
+    Faults of one target act in the order of injection. Random values depend only on the seed and on that order. Without
+    faults all values pass unchanged.
 
-    A missing message is replaced by the last one while that is at most ``MAX_AGE`` old, then by nan, as by
-    ``SampleAssembler`` in the graph; that of all joints is not replaced.
+    A missing message is replaced by the last one while it is at most ``MAX_AGE`` old, then by NaN, as
+    ``SampleAssembler`` does in the graph. A missing message of all joints is not replaced.
 
     ``plan`` is injected at every start or release; ``period`` is the tick [s]. Raises ``ConfigError`` when the plan
     does not fit the robot.
@@ -60,19 +60,19 @@ class FaultProxy:
 
     def _clear(self) -> None:
         self._injected.clear()
-        self.active = self._not_finite = self._unstamped = False  #: Whether there is any fault, begun or not
+        self.active = self._not_finite = self._unstamped = False  #: Whether any fault is injected, begun or not
         #: Messages missing in this tick: 'imu', 'foot:left', 'foot:right', 'joint_states'
         self.missing = self._missing_sensors = frozenset[str]()
         self._transmitted: tuple[int, SensorData | None] | None = None
 
     @property
     def corrupted(self) -> bool:
-        """Whether a message of this tick is missing, is refused because it is not finite, or has a wrong stamp."""
+        """Whether a message of this tick is missing, is refused as not finite, or has a wrong stamp."""
         return self.active and (bool(self.missing) or self._not_finite or self._unstamped)
 
     @property
     def summary(self) -> str:
-        """Faults that have not ended, in words."""
+        """Faults that have not ended, as text."""
         return str(FaultPlan(self.injected))
 
     @property
@@ -81,7 +81,7 @@ class FaultProxy:
         return tuple(item.fault for item in self._injected)
 
     def inject(self, faults: Faults) -> str:
-        """Inject faults from the next tick on, all or none; returns a description. ``ConfigError`` if invalid."""
+        """Inject faults from the next tick on; returns a description. ``ConfigError`` if one is invalid: no effect."""
         plan = fault_plan(faults)
         checked = [(fault, self._check(fault)) for fault in plan.faults]
         for fault, channels in checked:
@@ -105,7 +105,7 @@ class FaultProxy:
         return text
 
     def reset(self, seed: int | None = None) -> None:
-        """Start over with the faults of the plan only; a seed replaces the present one."""
+        """Reset to the faults of the plan; a seed replaces the present one."""
         self._seed = self._seed if seed is None else seed
         self._clear()
         self._count = 0
@@ -113,18 +113,18 @@ class FaultProxy:
             self.inject(self._plan)
 
     def release(self) -> None:
-        """Inject the plan's faults that begin at the release of the robot."""
+        """Inject the plan if it is due at the release of the robot."""
         if self._plan.since == RELEASE:
             self.inject(self._plan)
 
     def sense(self, tick: int, values: Vector, before: Vector | None) -> None:
-        """Apply faults in place to the channels of a tick; ``before`` are those transmitted one tick earlier."""
+        """Apply faults in place to the channels of a tick; ``before`` are the resulting values of the last tick."""
         self._not_finite = self._unstamped = False
         self.missing, _ = self._apply("sensors", tick, values, before)
         self._missing_sensors = self.missing
 
     def drive(self, tick: int, tau: Vector, before: Vector) -> Vector:
-        """Motor torques (nj,) [N.m] within limits, from desired and previous ones; ``tau`` without a fault."""
+        """Motor torques (nj,) [N.m] for desired (``tau``) and previous ones: ``tau`` without a fault, else clipped."""
         given = tau
         for item, k in self._at_work("motors", tick):
             index = item.channels.index
@@ -135,7 +135,7 @@ class FaultProxy:
         return given
 
     def transmit(self, tick: int, sensors: SensorData) -> SensorData | None:
-        """The drivers' sample as the laws receive it; None when the joints are missing."""
+        """The drivers' sample as the control laws receive it; None when the joint states are missing."""
         if not self.active:
             return sensors
         if self._transmitted is None or self._transmitted[0] != tick:
@@ -155,7 +155,7 @@ class FaultProxy:
         return structs.replace(sensors, t=float(values[-1]), q=q, v=v, tau=tau)
 
     def transmit_scan(self, tick: int, scan: Scan) -> Scan | None:
-        """A scan as the laws receive it; None when it is missing."""
+        """A scan as the control laws receive it; None when it is missing."""
         for item, k in self._at_work(SCAN, tick):
             ranges, missing = self._effect(item, scan.ranges)(k, scan.ranges)
             scan = replace(scan, ranges=ranges)
@@ -164,7 +164,7 @@ class FaultProxy:
         return scan
 
     def _apply(self, stage: str, tick: int, values: Vector, before: Vector | None) -> tuple[frozenset[str], bool]:
-        """Apply the faults of a stage to values in place; returns the missing messages, and whether any fault acts."""
+        """Apply the faults of a stage in place; returns the missing messages and whether any fault acts."""
         missing, at_work = set[str](), self._at_work(stage, tick)
         for item, k in at_work:
             index = item.channels.index
@@ -182,7 +182,7 @@ class FaultProxy:
         return channels
 
     def _at_work(self, stage: str, tick: int) -> list[tuple[_Injected, int]]:
-        """Faults that act in this tick, and for how many ticks; removes those that have ended."""
+        """Faults that act in this tick, each with the ticks since its begin; removes those that have ended."""
         working = []
         for item in [item for item in self._injected if item.stage == stage]:
             if item.zero is None:
@@ -196,7 +196,7 @@ class FaultProxy:
         return working
 
     def _effect(self, item: _Injected, before: Vector) -> Effect:
-        """The effect of a fault; ``before`` are the values of its channels before it."""
+        """The effect of a fault; ``before`` are the values of its channels before the fault."""
         if item.effect is None:
             grace = 0 if not item.channels.sources else self._grace
             item.effect = effect_of(item.fault, item.channels, before.copy(), self._period, grace, item.rng)
