@@ -95,7 +95,7 @@ class DriverConfig:
     yield_supervisor: Annotated[float, Field(ge=0.001, le=1.0)]
     #: Age of the newest state measured by the range sensors above which simulated time waits [s]
     yield_range_sensors: Annotated[float, Field(ge=0.001, le=1.0)]
-    yield_max: Annotated[float, Field(ge=0.0, le=60.0)]  #: Longest wait; then time advances and the drivers time out [s]
+    yield_max: Annotated[float, Field(ge=0.0, le=60.0)]  #: Longest wait; then time advances and drivers time out [s]
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)]  #: Seed of the simulated sensors' noise
     sensor_noise: bool  #: Noise, bias and quantisation of the profile
     sensor_errors: str  #: Further errors of the simulated sensors: a file, or YAML; empty for none

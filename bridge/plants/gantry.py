@@ -20,7 +20,7 @@ from models.mujoco_model import mujoco_to_pin
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData, Vector, Vector3
 
-STEP = 0.001  #: Physics and drives [s]
+STEP = 0.001  #: Period of physics and drives [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -39,16 +39,16 @@ class GantryConfig:
 
 
 class HangingRobot:
-    """The robot's side of a protocol, stepped by 1 ms; it hangs from a rope at its torso.
+    """The robot's side of a protocol. The robot hangs from a rope at its torso; one step is 1 ms.
 
-    The drives execute the last command for ever, and have no torque before the first.
+    The drives execute the last command without a timeout, and have no torque before the first command.
 
     Args:
         robot: Profile of the simulated robot.
         rate: Rate of the states [Hz].
-        seed: Of the sensor noise.
+        seed: Seed of the sensor noise.
         deviation: Differences of the simulated robot from its profile; none when None.
-        options: Of ``MujocoPlant``.
+        options: Options of ``MujocoPlant``.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class HangingRobot:
         deviation: Deviation | None = None,
         **options: Any,
     ) -> None:
-        self.ticks = round(1.0 / (rate * STEP))  #: Physics steps of a state
+        self.ticks = round(1.0 / (rate * STEP))  #: Physics steps per state
         if self.ticks < 1 or abs(self.ticks * STEP * rate - 1.0) > 1e-9:
             raise ConfigError(f"rate {rate:g} Hz: a state must take a whole number of steps of {1e3 * STEP:g} ms")
         self.config = default_config(GantryConfig, "bridge", "gantry")
@@ -71,8 +71,8 @@ class HangingRobot:
         if deviation is not None:
             deviation.apply(self.plant, seed)
         self.tick = 0  #: Physics steps so far [ms]
-        self.refused = 0  #: Commands that were not valid
-        self.received = 0  #: Commands that were
+        self.refused = 0  #: Invalid commands
+        self.received = 0  #: Valid commands
         self.command: JointCommand | None = None
         self._specific_forces = np.zeros((self.ticks, 3))  # of the last steps [m/s^2]
         self._torso = self.plant.mujoco.bodies["torso"]
@@ -81,21 +81,21 @@ class HangingRobot:
         weight = GRAVITY * float(self.plant.model.body_mass.sum())
         hook = self._hook()
         self._anchor = hook + np.array([0.0, 0.0, 1.0])
-        self._length = 1.0 - weight / self.config.rope_stiffness  #: Of the rope without load [m]
-        self.rope_speed = 0.0  #: At which the gantry lets the rope out [m/s]
-        self.slack = 0.0  #: Rope let out so far [m]
+        self._length = 1.0 - weight / self.config.rope_stiffness  #: Length of the unloaded rope [m]
+        self.rope_speed = 0.0  #: Speed at which the gantry pays out the rope [m/s]
+        self.slack = 0.0  #: Rope paid out so far [m]
         self.hooked = True  #: Whether the rope is tied to the robot
 
     def receive(self, data: bytes) -> None:
-        """A command from the network; counted in ``refused`` when it is not valid."""
+        """Handle a command from the network; an invalid one is counted in ``refused``."""
         raise NotImplementedError
 
     def states(self) -> list[Any]:
-        """What the robot sends when a state is ``due``."""
+        """Messages that the robot sends when a state is ``due``."""
         raise NotImplementedError
 
     def accept(self, command: JointCommand) -> None:
-        """A valid command."""
+        """Accept a valid command."""
         self.received += 1
         self.command = command
 
@@ -112,10 +112,10 @@ class HangingRobot:
         self._specific_forces[self.tick % self.ticks] = self.plant.read().accel
 
     def read(self) -> SensorData:
-        """Measurements of a state; the accelerometer has the mean since the last one, as one that integrates has it.
+        """Measurements of a state; the acceleration is the mean since the last state, as of an integrating sensor.
 
-        A single step would be a systematic error: the commands change at the rate of the states, and the forces of the
-        ground with them.
+        The value of a single step would have a systematic error, because the commands, and with them the ground
+        reaction forces, change at the rate of the states.
         """
         return structs.replace(self.plant.read(), accel=self._specific_forces.mean(axis=0))
 
@@ -150,15 +150,15 @@ class HangingRobot:
         return np.array(data.xpos[self._torso] + data.xmat[self._torso].reshape(3, 3) @ np.array(self.config.hook))
 
     def tie(self) -> None:
-        """Tie the rope to the robot where it is, without tension, the gantry above it."""
+        """Tie the rope to the robot at its present place, without tension and with the gantry above it."""
         hook = self._hook()
         self._anchor[:2] = hook[:2]
         self.slack, self.hooked = max(float(self._anchor[2] - hook[2]) - self._length, 0.0), True
 
     def _pull(self) -> None:
-        """Force of the rope on the torso."""
+        """Apply the force of the rope to the torso."""
         data, body = self.plant.data, self._torso
-        self.slack = max(self.slack + self.rope_speed * STEP, 0.0)  # it is not wound up above its start
+        self.slack = max(self.slack + self.rope_speed * STEP, 0.0)  # not wound up beyond its start
         if not self.hooked:
             data.xfrc_applied[body] = 0.0
             return
@@ -180,9 +180,9 @@ class HangingRobot:
 
 
 class StepLink:
-    """A robot in the same process instead of a network; commands take effect ``delay`` steps later.
+    """Connection to a robot in the same process; commands take effect ``delay`` steps later.
 
-    ``states_pass`` and ``commands_pass`` return what arrives of a message on the cable, None when it is lost.
+    ``states_pass`` and ``commands_pass`` return the message that arrives for a message sent, None when it is lost.
     """
 
     def __init__(self, robot: HangingRobot, delay: int = 0) -> None:
@@ -190,9 +190,9 @@ class StepLink:
         self.connected = True
         self.states_pass: Callable[[Any], Any] = lambda message: message
         self.commands_pass: Callable[[bytes], bytes | None] = lambda data: data
-        self.sent: list[bytes] = []  #: By the driver
-        self.receivers: list[Callable[[bytes], object]] = []  #: Further readers of commands at this end of the cable
-        self.state_receivers: list[Callable[[Any], object]] = []  #: Of what the robot sends
+        self.sent: list[bytes] = []  #: Commands of the driver
+        self.receivers: list[Callable[[bytes], object]] = []  #: Additional subscribers to commands on the driver's side
+        self.state_receivers: list[Callable[[Any], object]] = []  #: Additional subscribers to the robot's messages
         self._states: list[Any] = []
         self._on_the_way: list[tuple[int, bytes]] = []
         self._echo: list[bytes] = []
@@ -221,15 +221,15 @@ class StepLink:
         return found
 
     def beat(self, armed: bool) -> None:
-        """A heartbeat of the guard."""
+        """Publish a heartbeat of the guard."""
         self._beats.append(armed)
 
     def drop(self) -> None:
-        """Lose the commands that are on the way."""
+        """Drop the commands in transit."""
         self._on_the_way.clear()
 
     def take(self) -> list[Any]:
-        """What the robot has sent since the last call."""
+        """Messages of the robot since the last call."""
         found, self._states = self._states, []
         return found
 
@@ -239,7 +239,7 @@ class StepLink:
         self.publish(data)
 
     def publish(self, data: bytes) -> None:
-        """A command of any program at this end of the cable."""
+        """Publish a command of any program on the driver's side."""
         self._echo.append(data)
         for receive in self.receivers:
             receive(data)

@@ -1,4 +1,4 @@
-"""What the plants of real robots share: the robot's clock, counts of its samples, thresholds, mark of a run, end."""
+"""Common parts of the plants of real robots: robot clock, sample counter, thresholds, run marker, shutdown."""
 
 import fcntl
 import os
@@ -26,8 +26,8 @@ from models.profile import Thresholds
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
-SESSION = "POISE_SESSION"  #: Environment variable: number of a graph, in hexadecimal digits
-MILLISECONDS = 0.001  #: Tick of a counter of milliseconds [s]
+SESSION = "POISE_SESSION"  #: Environment variable with the number of a graph, hexadecimal
+MILLISECONDS = 0.001  #: Tick of a millisecond counter [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -62,7 +62,7 @@ def real_robot() -> RealRobotConfig:
 
 @cache
 def session() -> int:
-    """Number (32 bits) in the commands of a driver; the guard of the same graph has it from the same launcher."""
+    """Number (32 bits) in the commands of a driver; its guard gets the same number from their launcher."""
     return int(os.environ[SESSION], 16) if SESSION in os.environ else secrets.randbits(32)
 
 
@@ -78,13 +78,13 @@ class Finding(NamedTuple):
     """One value beyond a threshold."""
 
     level: Level
-    quantity: str  # what is measured, without the joint: ``persistence`` counts while any joint is beyond
+    quantity: str  # measured quantity without the joint, because ``persistence`` counts over all joints
     reason: str  # quantity, joint, value and threshold
-    at_once: bool = False  # whether it counts without ``persistence``
+    at_once: bool = False  # whether it takes effect without ``persistence``
 
 
 def beyond(quantity: str, value: float, unit: str, bounds: Thresholds, joint: str = "") -> Finding | None:
-    """The most severe threshold that a value, of a joint where given, is beyond; None for none."""
+    """Finding for the most severe threshold that a value is beyond; None for none. ``joint`` is optional."""
     what = f"{quantity} of '{joint}'" if joint else quantity
     sign = 1.0 if bounds.rising else -1.0
     for level, bound in ((Level.DAMP, bounds.damp), (Level.HOLD, bounds.hold), (Level.WARN, bounds.warn)):
@@ -96,20 +96,20 @@ def beyond(quantity: str, value: float, unit: str, bounds: Thresholds, joint: st
 
 
 class ForeignCommands:
-    """Commands of other programs on a robot's network, as a rate over ``count_window``; one counts at once.
+    """Rate of the commands of other programs on a robot's network over ``count_window``; without ``persistence``.
 
-    Those of the robot's own controller cannot be told apart but by their rate, which is left out while it is active.
-    When it becomes active or inactive, the count begins anew. ``topic`` is named in the finding.
+    Commands of the vendor's controller can only be distinguished by their rate, which is subtracted while it is active.
+    The count restarts when that controller becomes active or inactive. ``topic`` is named in the finding.
     """
 
     def __init__(self, topic: str, bounds: Thresholds) -> None:
         self._topic, self._bounds = topic, bounds
         self._window, self._tolerance = real_robot().count_window, real_robot().rate_tolerance
         self._rate = 0.0  # [Hz]
-        self._own: float | None = None  # rate of the robot's own controller [Hz], None while it is not active
+        self._own: float | None = None  # rate of the vendor's controller [Hz], None while it is inactive
 
     def step(self, count: int, dt: float, own: float | None = None) -> Finding | None:
-        """Add a number of commands, ``dt`` [s] after the last; ``own`` are those of the robot's own controller [Hz]."""
+        """Add a number of commands, ``dt`` [s] after the last call; ``own`` is the vendor controller's rate [Hz]."""
         if own != self._own:
             self._own, self._rate = own, 0.0
         self._rate += count - min(dt / self._window, 1.0) * self._rate
@@ -125,27 +125,27 @@ class ForeignCommands:
 
 
 class GuardWatch:
-    """State of the guard process by its heartbeats, which say whether it is armed.
+    """State of the guard process by its heartbeats, which report whether it is armed.
 
-    ``period`` is that of ``step`` [s]. A guard that is silent, or does not receive the driver's commands, holds the
-    robot: nothing would damp it after its driver.
+    ``period`` is the period of ``step`` [s]. A guard that is silent, or does not receive the driver's commands, causes
+    a hold, because nothing would damp the robot if its driver failed.
     """
 
     def __init__(self, period: float) -> None:
         self._period, self._config = period, real_robot()
-        self.silence = np.inf  #: Since the last heartbeat [s]
-        self.armed = False  #: Whether it damps the robot when the driver is silent, by the last heartbeat
-        self._unarmed = 0.0  # time for which it has not been armed by the driver's commands [s]
+        self.silence = np.inf  #: Time since the last heartbeat [s]
+        self.armed = False  #: Whether the guard damps the robot when the driver is silent, by the last heartbeat
+        self._unarmed = 0.0  # time for which the driver's commands have not armed the guard [s]
 
     def step(self, beats: Sequence[bool], *, commanded: bool = False) -> None:
-        """Take the heartbeats of one period, in which the driver commands the robot or not."""
+        """Process the heartbeats of one period; ``commanded`` is whether the driver commands the robot."""
         self.silence = 0.0 if beats else self.silence + self._period
         self.armed = beats[-1] if beats else self.armed
         self._unarmed = self._unarmed + self._period if commanded and not self.armed else 0.0
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Reason of a warning."""
+        """Reasons of a warning."""
         return self._silent(self._config.guard_warn) if not self.holds else ()
 
     @property
@@ -166,11 +166,11 @@ class GuardWatch:
 
 
 class RobotClock:
-    """Time from a counter of the robot, which may wrap, and begins again when the robot restarts.
+    """Time from a counter of the robot, which may wrap and restarts with the robot.
 
-    The time advances by the difference of two counts. A count that goes back, or that jumps ahead by more than
-    ``gap_max`` [s], is a restart: the time advances by one ``period`` [s] and ``restarts`` counts it. ``tick`` is the
-    length of a count [s], ``wrap`` the number of counts after which the counter begins again.
+    The time advances by the difference of two counts. A count that goes back, or jumps ahead by more than ``gap_max``
+    [s], is a restart: the time advances by one ``period`` [s] and ``restarts`` is incremented. ``tick`` is the length
+    of a count [s], ``wrap`` the number of counts after which the counter wraps.
     """
 
     def __init__(self, period: float, gap_max: float, tick: float = MILLISECONDS, wrap: int = 1 << 32) -> None:
@@ -181,7 +181,7 @@ class RobotClock:
         self.restarts = 0  #: Jumps of the robot's clock
 
     def step(self, count: int) -> float:
-        """Time at a count [s]; the same for a repeated count."""
+        """Time of a count [s]; a repeated count gives the same time."""
         if self._last is None:
             self._counts = self._period
         else:
@@ -195,26 +195,26 @@ class RobotClock:
 
 
 class SampleCounter:
-    """Rate of the samples, those that did not arrive, and the silence since the last one.
+    """Rate of the samples, number of lost samples, and silence since the last one.
 
-    ``period`` is the time between two samples of the robot [s], and between two calls of ``idle``.
+    ``period`` is the time between two samples of the robot, and between two calls of ``idle`` [s].
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
         self._config = real_robot()
-        self.rate = 0.0  #: Of the samples that arrived, over ``rate_window`` [Hz]
-        self.lost = 0  #: Samples that did not arrive
+        self.rate = 0.0  #: Rate of the received samples over ``rate_window`` [Hz]
+        self.lost = 0  #: Lost samples
         self.silence = 0.0  #: Time without a sample [s]
         self._last: float | None = None
         self._counted, self._since = 0, 0.0
 
     def idle(self, *, arrived: bool) -> None:
-        """Count one period of the driver, in which samples ``arrived`` or not."""
+        """Count one period of the driver; ``arrived`` is whether it had samples."""
         self.silence = 0.0 if arrived else self.silence + self._period
 
     def step(self, t: float) -> tuple[float, int]:
-        """Count a sample at a time [s]; time since the last one [s] and the number of samples lost before it."""
+        """Count a sample at a time [s]; returns the time since the last one [s] and the samples lost between them."""
         step = t if self._last is None else t - self._last
         lost = 0 if self._last is None else max(round(step / self._period) - 1, 0)
         self.lost += lost
@@ -226,7 +226,7 @@ class SampleCounter:
         return step, lost
 
     def findings(self, what: str) -> list[str]:
-        """Why samples called ``what`` do not come as they should; empty when they do."""
+        """Deviations from the expected rate of samples called ``what``; empty for none."""
         expected, found = 1.0 / self._period, []
         if self.silence > self._config.rate_window:
             found.append(f"no {what} for {self.silence:.1f} s")
@@ -236,17 +236,17 @@ class SampleCounter:
 
 
 class RunMarker:
-    """A file that exists while a driver commands the robot, locked by its process, whose number is in it.
+    """A file that exists while a driver commands the robot. The driver's process locks it and writes its number to it.
 
-    ``crashed`` is whether one was left by a driver that is gone. Raises ``ConfigError`` where its process is alive, and
-    where there is none and none can be written. Later errors of the file system are ``failure``.
+    ``crashed`` is whether a driver that has ended left the file. Raises ``ConfigError`` if the process of the file is
+    alive, or if no file exists and none can be written. ``failure`` reports later errors of the file system.
     """
 
     def __init__(self, file: Path) -> None:
         self._file = file
         self._locked: FileIO | None = None
         self.made = False  #: Whether this driver has commanded the robot
-        self.failure = ""  #: Why the run is not marked
+        self.failure = ""  #: Why the run could not be marked
         self.crashed = file.exists() and self._lock() is not None
         self._unlock()
         if self.crashed:
@@ -267,7 +267,7 @@ class RunMarker:
             ) from error
 
     def make(self) -> None:
-        """Mark the run, before the first command."""
+        """Create the marker before the first command."""
         if self.made:
             return
         self.made = True
@@ -280,7 +280,7 @@ class RunMarker:
             self.failure = f"the mark of this run is incomplete, and a crash of the driver may not be known: {error}"
 
     def remove(self) -> None:
-        """Mark the end, after the last command; the next command begins another run."""
+        """Remove the marker after the last command; the next command begins a new run."""
         self.made = self.crashed = False
         self.failure = ""
         with suppress(OSError):
@@ -289,7 +289,7 @@ class RunMarker:
         self._unlock()
 
     def _lock(self) -> FileIO | None:
-        """Lock the file until this process ends; None where another process has."""
+        """Lock the file until ``_unlock`` or the end of this process; None if another process has locked it."""
         if self._locked is None:
             file = FileIO(self._file, "a+")
             try:
@@ -316,35 +316,35 @@ class RobotConnection(Protocol):
         """Send a serialised command."""
 
     def commands(self) -> list[bytes]:
-        """Serialised commands of all programs since the last call, those of this connection included."""
+        """Serialised commands of all programs since the last call, including those of this connection."""
 
     def beats(self) -> list[bool]:
-        """Heartbeats of the guard process since the last call: whether it is armed."""
+        """Heartbeats of the guard process since the last call; each is whether the guard is armed."""
 
     def close(self) -> None:
         """Leave the robot's domain."""
 
 
 class RealPlant(HardwarePlant):
-    """Period, mark and end of the plant of a real robot.
+    """Period, run marker and shutdown of the plant of a real robot.
 
-    ``close`` fades the torque of the last command into damping, from where the guard is that has begun to after
-    ``silence_max``; a robot that this driver has not commanded gets no command, and the mark of a crash stays. ``name``
-    is that of the plant, ``where`` that of the robot's interface and domain; they name the file of the mark where
+    ``close`` fades the torque of the last command into damping. If the guard has begun this fade after ``silence_max``,
+    ``close`` continues it. A robot that this driver has not commanded gets no command, and the marker of a
+    crash remains. ``name`` of the plant and ``where`` (robot's interface and domain) make up the path of the marker if
     ``marker`` is empty. ``period`` is the time between two samples [s].
     """
 
     def __init__(self, model: RobotModel, name: str, where: str, marker: str, period: float) -> None:
         self._period = period
-        self.counter = SampleCounter(period)  #: Of the samples
+        self.counter = SampleCounter(period)
         nothing, three = np.full(model.nj, np.nan), np.full(3, np.nan)
         self._sensors = SensorData(0.0, nothing, nothing, nothing, three, three, np.full((2, 6), np.nan))
         self._model = model
-        self._sent, self._sent_at = b"", 0.0  # the last command, when it was sent on the monotonic clock [s]
+        self._sent, self._sent_at = b"", 0.0  # the last command and its time on the monotonic clock [s]
         self._marker = RunMarker(Path(marker) if marker else state_folder(name) / where)
-        self.guard = GuardWatch(period)  #: Of its heartbeats
+        self.guard = GuardWatch(period)
         self._stop = ""
-        self._jumped = False  # clock of the robot, in the newest ``read``
+        self._jumped = False  # whether the robot's clock jumped in the newest ``read``
         self._closed = False
         self._link: RobotConnection
 
@@ -354,7 +354,7 @@ class RealPlant(HardwarePlant):
 
     @property
     def crashed(self) -> bool:
-        """Whether the mark of an unfinished run was there at the start."""
+        """Whether the marker of an unfinished run existed at the start."""
         return self._marker.crashed
 
     @property
@@ -363,17 +363,17 @@ class RealPlant(HardwarePlant):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """That of a silent guard, and of a run that is not marked."""
+        """Warnings of a silent guard and of a run that could not be marked."""
         return (*self.guard.warnings, *filter(None, [self._marker.failure]))
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """That of a silent guard."""
+        """Holds of the guard watch."""
         return self.guard.holds
 
     @property
     def stop(self) -> str:
-        """Reason to damp, of the newest ``read``."""
+        """Reason to damp in the newest ``read``."""
         return self._stop
 
     @property
@@ -382,7 +382,7 @@ class RealPlant(HardwarePlant):
 
     @property
     def _sampled(self) -> bool:
-        """Whether a sample has come."""
+        """Whether a sample has been received."""
         return self._sensors.t > 0.0
 
     def write(self, command: JointCommand) -> None:
@@ -392,7 +392,7 @@ class RealPlant(HardwarePlant):
             self._send(command)
 
     def close(self) -> None:
-        """Damp the joints and leave the domain."""
+        """Damp the joints if this driver has commanded them, and leave the domain."""
         if self._closed:
             return
         if self._marker.made:
@@ -413,12 +413,12 @@ class RealPlant(HardwarePlant):
         self._link.send(self._sent)
 
     def _encode_command(self, command: JointCommand) -> bytes:
-        """Serialised message of a command at the newest state."""
+        """Serialised message of a command for the newest state."""
         raise NotImplementedError
 
     def _decode_command(self, data: bytes) -> JointCommand:
-        """Command of such a message."""
+        """Command in a message of ``_encode_command``."""
         raise NotImplementedError
 
     def _finish(self) -> None:
-        """Send what follows the damping at the end, if anything."""
+        """Hook of a protocol: further messages after the damping of ``close``."""

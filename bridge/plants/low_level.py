@@ -1,4 +1,4 @@
-"""What the low-level protocols of Unitree and Booster share: one message is a state, and one commands all drives."""
+"""Common part of the low-level protocols of Unitree and Booster: one message per state, one command for all drives."""
 
 from collections.abc import Mapping
 from typing import Any, Generic, Protocol, TypeVar
@@ -16,38 +16,38 @@ SampleT = TypeVar("SampleT", bound=LowSample)
 
 
 class LowLink(RobotConnection, Protocol):
-    """A connection to a robot whose own controller can be released."""
+    """A connection to a robot whose vendor's controller can be released."""
 
     def vendor(self) -> str | None:
-        """Name of the active controller of the robot, empty when none is active, None while unknown."""
+        """Name of the vendor's active controller; empty when none is active, None while unknown."""
 
     def release(self) -> None:
-        """Request the end of the active controller."""
+        """Request the end of the vendor's controller."""
 
 
 class LowLevelPlant(RealPlant, Generic[SampleT]):
-    """States in, commands with the drives' own PD law out, on the robot's clock.
+    """States in, commands of the drives' PD law out, on the robot's clock.
 
-    The messages between two ticks are all read: a press of a button in any of them is seen. Those that cannot be used
-    are counted and left out.
+    All messages between two ticks are read, so that no press of a button is missed. Unusable messages are counted and
+    skipped.
 
     Args:
         model: The robot, with a section ``hardware`` in its profile.
         name: Name of the plant.
-        place: Interface and domain of the robot; they name the file of the mark.
-        marker: File that marks an unfinished run; that of the place when empty.
+        place: Interface and domain of the robot; they name the default marker file.
+        marker: File that marks an unfinished run; empty for the default.
         period: Time between two states [s].
-        clock: From the states' counts.
+        clock: Converts the counts of the states to time.
         buttons: Names of the buttons of the remote controller.
 
-    A protocol sets ``_link`` after this.
+    Subclasses set ``_link`` after this constructor.
 
     Raises:
         ConfigError: A robot with foot sensors, without ``hardware``, or with an unknown stop button.
     """
 
-    state_name = "state"  #: What the protocol calls a state
-    service_name = "the robot's service"  #: Service that names its vendor's active controller
+    state_name = "state"  #: Name of a state in the protocol
+    service_name = "the robot's service"  #: Service that reports the vendor's active controller
 
     def __init__(
         self,
@@ -74,18 +74,18 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         super().__init__(model, name, f"{interface}-{domain}", marker, period)
         self._hardware, self._where = hardware, f"{interface}, domain {domain}"
         self._link: LowLink
-        self._session = session()  # of this driver, in its commands
+        self._session = session()  # number of this driver in its commands
         self._clock = clock
         self.monitor = HardwareMonitor(model, hardware)
         self._sample: SampleT | None = None
         self._restarts_seen = 0
-        self._pressed = frozenset[str]()  # buttons in any message of this read
+        self._pressed = frozenset[str]()  # buttons pressed in any message of this read
         self._button = ""  # stop button among them
-        self.refused = 0  #: Messages that could not be used
+        self.refused = 0  #: Messages that could not be decoded
         self._why = ""
-        self._fault = ""  # of the service that names the vendor's controller
+        self._fault = ""  # error of the service that reports the vendor's controller
         self._foreign = 0  # commands of other programs since the last sample
-        self._waiting: list[Any] = []  # taken from the link, and not read yet
+        self._waiting: list[Any] = []  # received from the link, not read yet
 
     def read(self) -> SensorData:
         self._stop, self._pressed, self._jumped = "", frozenset(), False
@@ -113,7 +113,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
 
     @property
     def arrived(self) -> bool:
-        """Whether a message has come since the last ``read``."""
+        """Whether a message has arrived since the last ``read``."""
         if not self._waiting and not self._closed:
             self._waiting = self._link.take()
         return bool(self._waiting)
@@ -126,7 +126,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
             return None
 
     def _accept(self, sample: SampleT) -> None:
-        """Take over one sample: rate, lost states, monitors."""
+        """Process one sample: rate, lost states, monitors."""
         if self._sample is not None and sample.sensors.t <= self._sample.sensors.t:
             return  # a repeated sample
         step, lost = self.counter.step(sample.sensors.t)
@@ -163,7 +163,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why it is not known what the robot, or its active controller, is."""
+        """Why the robot or its active controller is unknown."""
         if self._sample is None:
             return (f"no {self.state_name} on {self._where}",)
         silent = [self._fault or f"{self.service_name} does not answer"] if self.vendor is None else []
@@ -193,7 +193,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         self._end_guard()
 
     def _end_guard(self) -> None:
-        """Send the last damping command, which the robot keeps and after which the guard sends none."""
+        """Send the last damping command: the robot keeps it, and it disarms the guard."""
         data = self._encode_command(damping_command(self._model), last=True)
         for _ in range(real_robot().last_commands):
             self._link.send(data)
@@ -231,25 +231,25 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         }
 
     def _decode(self, message: Any) -> SampleT | None:
-        """Sample of a message, None for one of another kind, its buttons in ``_pressed``; ``MessageError``."""
+        """Decode a sample and add its buttons to ``_pressed``; None for other messages. Raises ``MessageError``."""
         raise NotImplementedError
 
     def _encode_command(self, command: JointCommand, *, last: bool = False) -> bytes:
-        """Serialised message of a command; after the ``last`` one the guard no longer damps the robot."""
+        """Serialised message of a command; one with ``last`` disarms the guard."""
         raise NotImplementedError
 
     def _is_foreign(self, data: bytes) -> bool:
-        """Whether a serialised command is one of another program."""
+        """Whether a serialised command is of another program."""
         raise NotImplementedError
 
     def _change(self, sample: SampleT) -> str:
-        """Reason to damp that follows from a sample and the one before; empty for none."""
+        """Reason to damp that follows from the last two samples; empty for none."""
         return ""
 
     def _identity(self, sample: SampleT) -> list[str]:
-        """Why a sample is not of the robot of the profile."""
+        """Why a sample does not come from the profile's robot."""
         return []
 
     def _checks(self, sample: SampleT) -> list[str]:
-        """Further failed checks of the newest sample."""
+        """Additional failed checks of the newest sample."""
         return []

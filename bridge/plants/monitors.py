@@ -1,4 +1,4 @@
-"""Monitors of a real robot: values beyond the thresholds of its profile lead to a warning, a hold, or damping."""
+"""Monitors of a real robot: values beyond the thresholds of its profile cause a warning, a hold or damping."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,19 +13,19 @@ from models.types import SensorData, Vector
 
 @dataclass(frozen=True, slots=True)
 class LowSample:
-    """One state of a robot: what every protocol has, and the monitors compare."""
+    """One state of a robot: the values that the monitors use, common to all protocols."""
 
     sensors: SensorData  #: Joints and IMU
-    temperature: Vector  #: Temperatures of each motor (nj, places) [degC]
-    voltage: Vector  #: Supply of each drive (nj,), 0 where not measured [V]
-    motor_state: Vector  #: Error word of each drive (nj,), 0 without error
+    temperature: Vector  #: Temperatures of each motor (nj, sensors) [degC]
+    voltage: Vector  #: Supply voltage of each drive (nj,), 0 where not measured [V]
+    motor_state: Vector  #: Error word of each drive (nj,), 0 without an error
 
 
 class HardwareMonitor:
     """Compares every state of the robot with the thresholds of its profile.
 
-    A quantity must be beyond a threshold for ``persistence`` before it counts; the worst joint may change.
-    ``warnings``, ``holds`` and ``damps`` are the present reasons by level.
+    A quantity takes effect after it has been beyond a threshold for ``persistence``; the worst joint may change
+    meanwhile. ``warnings``, ``holds`` and ``damps`` are the present reasons by level.
     """
 
     def __init__(self, model: RobotModel, hardware: Hardware) -> None:
@@ -41,10 +41,10 @@ class HardwareMonitor:
         self._sample: LowSample | None = None
 
     def step(self, sample: LowSample, lost: int, dt: float, foreign: int = 0, *, own: bool = False) -> None:
-        """Compare a state, ``dt`` [s] after the last.
+        """Check a state, ``dt`` [s] after the last one.
 
-        Before it, ``lost`` states did not arrive, and ``foreign`` commands of other programs were on the network, those
-        of the robot's ``own`` controller included while it is active.
+        Since the last state, ``lost`` states were lost and ``foreign`` commands of other programs were received. While
+        the vendor's controller is active (``own``), ``foreign`` includes its commands.
         """
         share = min(dt / self._window, 1.0)
         self._loss += share * (lost / (lost + 1.0) - self._loss)
@@ -56,7 +56,7 @@ class HardwareMonitor:
         t = sample.sensors.t
         present = {}
         for finding in found:
-            for level in range(finding.level + 1):  # a hold has been a warning, too
+            for level in range(finding.level + 1):  # a value beyond hold is beyond warn, too
                 key = finding.quantity, level
                 present[key] = self._since.get(key, t)
         self._since = present
@@ -71,7 +71,7 @@ class HardwareMonitor:
 
     @property
     def values(self) -> dict[str, str]:
-        """Newest values, for the diagnostics; empty before the first state."""
+        """Newest values for the diagnostics; empty before the first state."""
         if self._sample is None:
             return {}
         hottest, voltage = self._sample.temperature.max(axis=1), self._sample.voltage

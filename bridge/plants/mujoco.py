@@ -1,4 +1,4 @@
-"""The simulated robot: MuJoCo as a plant."""
+"""The simulated robot: a plant in MuJoCo."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ from models.scan import Scan
 from models.terrain import FLAT, Terrain
 from models.types import ContactState, JointCommand, Matrix, RobotState, SensorData, Vector
 
-# Arrays of MuJoCo, and where the channels of ``SensorNoise`` are in them
+# Arrays of MuJoCo, and indices of the channels of ``SensorNoise`` in them
 _Indices = NDArray[np.int64]
 _Channels = tuple[Vector, Vector, Vector, Vector, _Indices, _Indices, _Indices, _Indices]
 
@@ -36,26 +36,25 @@ def _gather(channels: Unboxed[_Channels], values: Vector) -> None:
         values[2 * nj + j] = force[actuator[j]]
     for i in range(len(sensors)):
         values[3 * nj + i] = sensordata[sensors[i]]
-    for i in range(first, len(values)):  # foot on sole -> ground on foot, as foot_wrenches has it
+    for i in range(first, len(values)):  # force of foot on sole -> ground on foot, as in foot_wrenches
         values[i] = -values[i]
 
 
 class MujocoPlant(SimulatedPlant):
     """Robot, sensors, drives and disturbances in a MuJoCo world.
 
-    A tick is ``read``, ``write``, ``step``. Positions, velocities and the gyro are those at the tick; wrenches and
-    torques are those that acted before it, the accelerometer has the mean over the tick before it. The drives evaluate
-    a command with the measurements of the tick; in a tick of several physics steps they do so again before each, with
-    the measurement errors of the tick.
+    A tick is ``read``, ``write``, ``step``. Positions, velocities and the angular rate are values at the tick. Wrenches
+    and torques are values of the last physics step, the acceleration is the mean over the last tick. The drives
+    evaluate a command with the measurements of the tick. In a tick of several physics steps they repeat this before
+    each step, with the measurement errors of the tick.
 
-    ``reset`` puts the robot in its 'stand' posture with the soles on the floor and holds its base with a weld until
-    ``release``. In a world of several robots each has a plant. ``step`` advances this robot alone, ``step_world``
-    several together.
+    ``reset`` puts the robot in its 'stand' posture with the soles on the floor. A weld holds its base until
+    ``release``. In a world of several robots each has a plant: ``step`` advances one robot, ``step_world`` several.
 
     ``sensor_noise`` is True for the noise of the profile, False for exact values, or a factor; ``sensor_errors`` and
     ``faults`` add to it. A given ``world``, with a robot of this ``name``, determines friction, payload, terrain,
-    timestep and visuals; for the others see ``MujocoWorld``. ``data``, ``ground`` and ``noise`` are for scoring and
-    pictures only: no law may read them. Raises ``ConfigError`` for an argument out of range, or a world without this
+    timestep and visuals; see ``MujocoWorld`` for these. ``data``, ``ground`` and ``noise`` are for scoring and images
+    only; control laws must not read them. Raises ``ConfigError`` for an argument out of range, or a world without this
     robot.
     """
 
@@ -96,18 +95,18 @@ class MujocoPlant(SimulatedPlant):
         self._index_channels()
         self._sample: SensorData | None = None
         self._values: Vector | None = None  # channels of the newest sample
-        self._command: JointCommand | None = None  # of this tick
+        self._command: JointCommand | None = None  # command of this tick
         self._pushes: list[tuple[int, int, Vector]] = []  # end tick (exclusive), body id, force in W (3,) [N]
         self._tick = 0
         # True joint positions [rad] and velocities [rad/s] at the tick, (nj,) each
         self._joints_at_tick: tuple[Vector, Vector] | None = None
-        self._specific_forces: list[Vector] = []  # of the physics steps of the last tick, each (3,) [m/s^2]
+        self._specific_forces: list[Vector] = []  # of each physics step of the last tick, (3,) [m/s^2]
         self._held = True
-        self._clamped: Vector | None = None  # configuration that a jig enforces, in the order of MuJoCo (nq,)
+        self._clamped: Vector | None = None  # configuration enforced by a jig, in MuJoCo's order (nq,)
         self.reset()
 
     def _index_channels(self) -> None:
-        """Indices of the channels of ``SensorNoise`` in MuJoCo's arrays; views of those stay valid."""
+        """Collect the indices of the channels of ``SensorNoise`` in MuJoCo's arrays; views of these stay valid."""
         mj, data = self.mujoco, self.data
         feet = [mj.sole_force[0], mj.sole_torque[0], mj.sole_force[1], mj.sole_torque[1]]
         sensors = np.concatenate([np.arange(s.start, s.stop) for s in (mj.gyro, mj.accel, *feet)])  # (18,)
@@ -158,7 +157,7 @@ class MujocoPlant(SimulatedPlant):
         mujoco.mj_forward(self.model, self.data)
 
     def clamp(self, joints: Vector | None) -> None:
-        """Clamp every joint at a true position (nj,) [rad] in a rigid jig that also holds the base; None opens it."""
+        """Clamp joints at true positions (nj,) [rad] in a rigid jig that also holds the base; None opens the jig."""
         self._clamped = None
         if joints is not None:
             self._qpos[self._joint_qpos] = joints
@@ -195,7 +194,7 @@ class MujocoPlant(SimulatedPlant):
         self._ctrl[self.mujoco.actuator] = tau
 
     def drive(self) -> None:
-        """For the world: update the drives for a further physics step of a tick; a faulty drive keeps its torque."""
+        """For the world: update the drives for the next physics step of a tick; a faulty drive keeps its torque."""
         if self._command is None or self._sample is None or self._joints_at_tick is None or self.faults.active:
             return
         q = self._sample.q + (self._qpos[self._joint_qpos] - self._joints_at_tick[0])
@@ -203,13 +202,13 @@ class MujocoPlant(SimulatedPlant):
         self._ctrl[self.mujoco.actuator] = drive_torque(self.robot, self._command, q, v)
 
     def step(self) -> None:
-        """Advance this robot by one tick; others in its world stand still meanwhile."""
+        """Advance this robot by one tick; the other robots of its world stand still."""
         step_world(self.world, (self,))
 
     def before_step(self) -> None:
         """For the world: prepare the physics of a tick."""
         if self._sample is None:
-            self.read()  # the errors of the sensors depend on the last tick
+            self.read()  # the sensor errors depend on the last tick
         self._specific_forces.clear()
         if self.world.substeps > 1:
             self._joints_at_tick = self._qpos[self._joint_qpos], self._qvel[self._joint_qvel]
@@ -217,7 +216,7 @@ class MujocoPlant(SimulatedPlant):
             self._push()
 
     def after_substep(self) -> None:
-        """For the world: complete a physics step; a jig enforces its configuration again."""
+        """For the world: complete a physics step; a jig restores its configuration."""
         if self.world.substeps > 1:
             self._specific_forces.append(self.data.sensordata[self.mujoco.accel].copy())
         if self._clamped is not None:
@@ -235,7 +234,7 @@ class MujocoPlant(SimulatedPlant):
         self._ctrl[self.mujoco.actuator] = 0.0
 
     def push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
-        """Push a body or frame at its CoM from the next step on, rounded to ticks; overlapping pushes add up."""
+        """Push a body, or the body of a frame, at its CoM from the next step on, in whole ticks; pushes add up."""
         vector = np.asarray(force, dtype=np.float64)
         if vector.shape != (3,) or not np.isfinite(vector).all():
             raise CommandError(f"push: force {force} is not three finite numbers")
@@ -254,7 +253,7 @@ class MujocoPlant(SimulatedPlant):
 
     @property
     def wrenches(self) -> Matrix:
-        """Exact ground reaction on each foot, in its sole frame (2, 6) [N, N.m]."""
+        """True ground reaction wrench on each foot, in its sole frame (2, 6) [N, N.m]."""
         return self.mujoco.foot_wrenches(self.data)
 
     @property
@@ -263,7 +262,7 @@ class MujocoPlant(SimulatedPlant):
 
     @property
     def com(self) -> Vector:
-        """Exact CoM of robot and payload in W (3,) [m]."""
+        """True CoM of robot and payload in W (3,) [m]."""
         return np.array(self.data.subtree_com[self.mujoco.base_body])
 
     @property
@@ -283,7 +282,7 @@ class MujocoPlant(SimulatedPlant):
 
 
 def step_world(world: MujocoWorld, plants: Sequence[MujocoPlant]) -> None:
-    """Advance robots of a world by one tick; those not given stand still."""
+    """Advance robots of a world by one tick; robots not in ``plants`` stand still."""
     data = world.data
     for plant in plants:
         plant.before_step()
@@ -295,7 +294,7 @@ def step_world(world: MujocoWorld, plants: Sequence[MujocoPlant]) -> None:
         if substep:
             for plant in plants:
                 plant.drive()
-        # Split in two, so that kinematics and contacts belong to the new configuration when this returns.
+        # Step in two halves, so that kinematics and contacts belong to the new configuration on return.
         mujoco.mj_step2(world.model, data)
         for mj, (qpos, qvel) in zip(still, kept, strict=True):
             data.qpos[mj.qpos], data.qvel[mj.qvel] = qpos, qvel

@@ -1,4 +1,4 @@
-"""A participant in a robot's DDS domain that is polled: a node without an executor, without parameters and logs."""
+"""A polled participant in a robot's DDS domain: a node without executor, parameters and logs."""
 
 import time
 from abc import abstractmethod
@@ -19,12 +19,12 @@ from bridge.plants.low_level import LowLink
 from models.nodes.interfaces import interface
 from models.nodes.spin import log_arguments
 
-QUEUE = 32  #: Messages kept between two ticks
+QUEUE = 32  #: Queue depth: messages kept between two ticks
 SENSOR = QoSProfile(depth=QUEUE, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def join(domain: int, name: str) -> tuple[Context, Node]:
-    """A context in a DDS domain and a silent node in it: without parameters, logs and services."""
+    """Create a context in a DDS domain and a node in it, without parameters, logs and services."""
     context = Context()
     rclpy.init(args=log_arguments(), context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     node = Node(
@@ -39,7 +39,7 @@ def join(domain: int, name: str) -> tuple[Context, Node]:
 
 
 def take_all(subscription: Any) -> list[bytes]:
-    """Serialised messages of a raw subscription since the last call, the oldest first, at most ``QUEUE``."""
+    """Serialised messages of a raw subscription since the last call, oldest first, at most ``QUEUE``."""
     found: list[bytes] = []
     while len(found) < QUEUE and (data := take(subscription)) is not None:
         found.append(bytes(data))
@@ -47,7 +47,7 @@ def take_all(subscription: Any) -> list[bytes]:
 
 
 def take_stamped(subscription: Any) -> list[tuple[bytes, int, int]]:
-    """As ``take_all``, each message with the time at which it was published [ns] and its number by its publisher."""
+    """As ``take_all``, with the source time [ns] and the publisher's sequence number of each message."""
     found: list[tuple[bytes, int, int]] = []
     with subscription.handle:
         while len(found) < QUEUE and (taken := subscription.handle.take_message(subscription.msg_type, True)):
@@ -57,7 +57,7 @@ def take_stamped(subscription: Any) -> list[tuple[bytes, int, int]]:
 
 
 def take(subscription: Any) -> Any:
-    """Next message of a subscription, serialised where it is raw; None without one."""
+    """Next message of a subscription, serialised for a raw subscription; None without a message."""
     with subscription.handle:
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
     return None if taken is None else taken[0]
@@ -70,12 +70,12 @@ def ignore(message: Any) -> None:
 class Participant:
     """A node in the robot's domain, made by ``join``.
 
-    That of a ``guard`` publishes heartbeats for the driver of the same graph, whose node receives them.
+    The node of a ``guard`` publishes heartbeats; the node of the driver of the same graph subscribes to them.
     """
 
     def __init__(self, domain: int, name: str, *, guard: bool = False) -> None:
         self._context, self._node = join(domain, name)
-        topic = f"poise_guard_{session():08x}"  # the guard of another graph does not count
+        topic = f"poise_guard_{session():08x}"  # excludes the guards of other graphs
         self._beats: Any
         if guard:
             self._beats = self._node.create_publisher(Bool, topic, SENSOR)
@@ -83,7 +83,7 @@ class Participant:
             self._beats = self._node.create_subscription(Bool, topic, ignore, SENSOR)
 
     def beats(self) -> list[bool]:
-        """Heartbeats of the guard since the last call: whether it is armed."""
+        """Heartbeats of the guard since the last call; each is whether the guard is armed."""
         found: list[bool] = []
         while len(found) < QUEUE and (beat := take(self._beats)) is not None:
             found.append(bool(beat.data))
@@ -100,23 +100,23 @@ class Participant:
 
 
 class Topics(NamedTuple):
-    """Package of the messages of a robot, topics of its states and commands, types and topics of its service."""
+    """Message packages, types and topics of a robot's states, commands and service."""
 
-    package: str  # which has the types LowState and LowCmd
+    package: str  # with the types LowState and LowCmd
     state: str
     command: str
-    service: str  # package of the types of request and response
+    service: str  # package of the request and response types
     types: tuple[str, str]
     requests: str
     responses: str
 
 
 class ServiceLink(Participant, LowLink):
-    """A robot over rclpy, in its domain, whose service over messages names its active controller.
+    """A robot over rclpy in its domain; a service over two topics reports its active controller.
 
-    The service is asked every ``ask_period`` [s], and after a request that changes the controller as soon as it has
-    answered; its answer is unknown ``answer_age_max`` later. The transports are those of this process. Raises
-    ``MessageError`` when the types of the messages are not built.
+    The service is polled every ``ask_period`` [s]. For ``answer_age_max`` after a request that changes the controller,
+    each answer triggers the next poll. The controller is unknown ``answer_age_max`` after the last answer. The
+    transports are those of this process. Raises ``MessageError`` when the message types are not built.
     """
 
     def __init__(self, domain: int, name: str, topics: Topics, ask_period: float | None = None) -> None:
@@ -158,11 +158,11 @@ class ServiceLink(Participant, LowLink):
 
     @property
     def _reachable(self) -> bool:
-        """Whether both topics of the service are matched; a request before that has no answer."""
+        """Whether both topics of the service are matched; a request before that gets no answer."""
         return bool(self._requests.get_subscription_count() and self._node.count_publishers(self._topics.responses))
 
     def _may_change(self) -> bool:
-        """Whether a request that changes the robot's controller may be sent, at most every ``ask_period``."""
+        """Whether a request that changes the robot's controller may be sent: at most one per ``ask_period``."""
         now = time.monotonic()
         if now - self._changed < self._config.ask_period or not self._reachable:
             return False
@@ -175,13 +175,13 @@ class ServiceLink(Participant, LowLink):
 
     @abstractmethod
     def _name_in(self, response: Any) -> str | None:
-        """Name of the active controller, empty for none, in the response to the last ``_ask``; None in another one."""
+        """Name of the active controller in the response to the last ``_ask``, empty for none; None for any other."""
 
 
 class CommandLink(Participant):
-    """Both ends of the topic of a robot's commands, for its guard; ``package`` has the type ``LowCmd``.
+    """Publisher and subscriber of a robot's command topic, for its guard; ``package`` has the type ``LowCmd``.
 
-    ``MessageError`` when the type is not built.
+    Raises ``MessageError`` when the type is not built.
     """
 
     def __init__(self, domain: int, package: str, topic: str) -> None:
@@ -191,7 +191,7 @@ class CommandLink(Participant):
         self._writer = self._node.create_publisher(command, topic, QoSProfile(depth=1))
 
     def take(self) -> list[bytes]:
-        """Serialised commands since the last call, the oldest first, those of this link included."""
+        """Serialised commands since the last call, oldest first, including those of this link."""
         return take_all(self._reader)
 
     def send(self, data: bytes) -> None:

@@ -12,11 +12,11 @@ from models.scan import SCAN_FRAME, Scan
 
 
 class LaserScanner:
-    """Casts the rays of ``sensors.scan`` of the profile in the plane of frame ``scan``, which tilts with the robot.
+    """Casts the rays of the profile's ``sensors.scan`` in the plane of frame ``scan``, which tilts with the robot.
 
-    All rays of a scan are taken at one instant; they hit ground, obstacles and other robots, and pass through the robot
-    itself, as behind a self-filter. ``noise`` is a factor on the profile's noise, of a separate generator. Raises
-    ``ConfigError`` for a robot without a scanner.
+    All rays of a scan are cast at one instant. They hit ground, obstacles and other robots, and pass through the robot
+    itself, as after a self-filter. ``noise`` is a factor on the profile's noise, which has a separate random generator.
+    Raises ``ConfigError`` for a robot without a scanner.
     """
 
     def __init__(self, plant: MujocoPlant, seed: int = 0, noise: float = 1.0) -> None:
@@ -39,22 +39,22 @@ class LaserScanner:
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
-        """Restart the noise; a seed replaces the present one."""
+        """Restart the noise generator; a seed replaces the present one."""
         self._seed = self._seed if seed is None else seed
         self._rng = np.random.default_rng((self._seed, 1))  # a stream separate from the other sensors'
 
     def scan(self, t: float) -> Scan:
-        """Scan of this instant, with a stamp [s]."""
+        """Scan at the present state, with a stamp [s]."""
         config, model, data = self.config, self._plant.model, self._plant.data
         rays = self._rays @ data.site_xmat[self._site].reshape(3, 3).T
-        model.geom_group[self._strangers] = WORLD_GROUP  # rays select by group, and must not hit the robot itself
+        model.geom_group[self._strangers] = WORLD_GROUP  # rays select geoms by group, without the robot itself
         mujoco.mj_multiRay(
             model,
             data,
             data.site_xpos[self._site],
             rays.ravel(),
             self._groups,
-            True,  # static geoms too
+            True,  # include static geoms
             -1,
             self._geoms,
             self._distances,

@@ -1,4 +1,4 @@
-"""Errors of the simulated sensors: those of the robot's profile, and further ones."""
+"""Errors of the simulated sensors: those of the robot's profile, and additional ones."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -19,21 +19,21 @@ from models.types import Matrix, SensorData, Vector
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """Errors besides those of the profile, not scaled by ``sensor_noise``; one number stands for all axes or joints."""
+    """Errors in addition to the profile's, not scaled by ``sensor_noise``; one number applies to all axes or joints."""
 
     gyro_bias: ArrayLike = 0.0  #: Constant error of the angular rate (3,) [rad/s]
     accel_bias: ArrayLike = 0.0  #: Constant error of the specific force (3,) [m/s^2]
     misalignment: ArrayLike = 0.0  #: Rotation vector from the nominal to the true mounting of the IMU (3,) [rad]
-    gyro_scale: ArrayLike = 0.0  #: Relative gain error of each axis (3,) [-]
-    accel_scale: ArrayLike = 0.0  #: The same for the accelerometer (3,) [-]
+    gyro_scale: ArrayLike = 0.0  #: Relative gain error of each axis of the gyro (3,) [-]
+    accel_scale: ArrayLike = 0.0  #: Relative gain error of each axis of the accelerometer (3,) [-]
     #: Measured minus true position, for all joints (nj,) or by joint name [rad]
     encoder_offsets: ArrayLike | Mapping[str, float] = field(default=0.0)
-    force_offsets: ArrayLike = 0.0  #: Force that each foot reads without load, in its sole frame (2, 3) [N]
-    torque_offsets: ArrayLike = 0.0  #: The same for the torque (2, 3) [N.m]
+    force_offsets: ArrayLike = 0.0  #: Measured force of each unloaded foot, in its sole frame (2, 3) [N]
+    torque_offsets: ArrayLike = 0.0  #: Measured torque of each unloaded foot, in its sole frame (2, 3) [N.m]
     wrench_gains: ArrayLike = 0.0  #: Relative gain error of each axis of each foot (2, 6) [-]
 
     def array(self, name: str, shape: tuple[int, ...]) -> Matrix:
-        """One field as an array of a shape; ``ConfigError`` names a field of another shape or not finite."""
+        """A field as an array of a shape; ``ConfigError`` if the shape does not fit or a value is not finite."""
         try:
             value = np.array(np.broadcast_to(np.asarray(getattr(self, name), dtype=np.float64), shape))
         except (TypeError, ValueError) as error:
@@ -67,28 +67,28 @@ def read_sensor_errors(text: str) -> SensorErrors | None:
     return SensorErrors(**data)
 
 
-TAIL = 18  #: Channels behind the joints: gyro (3), accelerometer (3), wrenches left and right (12)
+TAIL = 18  #: Channels after the joints: gyro (3), accelerometer (3), wrenches left and right (12)
 
 
 class SensorNoise:
-    """Turns exact values into measurements of the robot's sensors.
+    """Computes measurements of the robot's sensors from exact values.
 
-    For each channel, with white noise w ~ N(0, 1) once a tick and age a ~ U(0, jitter) once a tick and unit::
+    For each channel, with white noise w ~ N(0, 1) per tick and age a ~ U(0, jitter) per tick and sensor unit::
 
         x' = x(t - a),    y = clip(round_r(A x' + b + o + sigma w), -range, range),    b += walk sqrt(tick) w'
 
-    - joint position: offset o drawn once per seed, rounded to the encoder's resolution r, no noise besides;
+    - joint position: offset o, drawn once per seed; resolution r of the encoder; no white noise;
     - joint velocity and torque: sigma from the profile;
-    - gyro and accelerometer: sigma = noise density / sqrt(tick), turn-on bias b drawn once per seed, which then walks,
-      A = (1 + diag(scale)) exp(misalignment)', both drawn once per seed, the rotation the same for both;
-    - foot wrenches: sigma and turn-on offset o from the profile; A = 1 + diag(gain) + crosstalk, whose element i, j is
-      a share drawn once per seed times range_i / range_j.
+    - gyro and accelerometer: sigma = noise density / sqrt(tick); turn-on bias b, drawn once per seed, with a random
+      walk; A = (1 + diag(scale)) exp(misalignment)', drawn once per seed, with the same rotation for both sensors;
+    - foot wrenches: sigma and turn-on offset o from the profile; A = 1 + diag(gain) + crosstalk. Element i, j of the
+      crosstalk is a share, drawn once per seed, times range_i / range_j.
 
-    Encoders, IMU and feet have an age each; x(t - a) is interpolated between the last two ticks. Random values depend
-    only on the non-negative seed and on the number of calls of ``advance`` since ``reset``. ``scale`` multiplies all of
-    them; with 0 the measurements are exact and not rounded. ``errors`` do not scale with it. ``period`` is the
-    tick [s]. Raises ``ConfigError`` when the seed is negative, ``scale`` is negative or not finite, or ``errors`` is
-    unusable, ``JointNameError`` when ``errors`` names an unknown joint.
+    The sensor units are encoders, IMU and feet. x(t - a) is interpolated between the last two ticks. Random values
+    depend only on the non-negative seed and the number of calls of ``advance`` since ``reset``. ``scale`` multiplies
+    all of them, but not ``errors``; with 0 the measurements are not rounded, and exact except for ``errors``.
+    ``period`` is the tick [s]. Raises ``ConfigError`` for a negative seed, a negative or non-finite ``scale``, or
+    unusable ``errors``, ``JointNameError`` when ``errors`` names an unknown joint.
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class SensorNoise:
         self.reset()
 
     def _added(self, model: RobotModel) -> Vector:
-        """The constant part of the given errors (size,)."""
+        """Constant part of the additional errors (size,)."""
         given, added = self._given, np.zeros(self.size)
         added[: self._nj] = given.offsets(model)
         added[self._imu] = np.concatenate([given.array("gyro_bias", (3,)), given.array("accel_bias", (3,))])
@@ -144,7 +144,7 @@ class SensorNoise:
         return added
 
     def reset(self, seed: int | None = None) -> None:
-        """Start over: the same seed repeats the same errors; a new one replaces it."""
+        """Restart with the present seed, which repeats the errors, or with a new one."""
         if seed is not None:
             self._seed = seed
         if self._seed < 0:
@@ -159,7 +159,7 @@ class SensorNoise:
 
     @property
     def bias(self) -> Vector:
-        """Present constant error of every channel, drawn and given (size,); for scoring only."""
+        """Present bias of every channel, random and additional (size,); for scoring only."""
         return self._bias.copy()
 
     @property
@@ -168,7 +168,7 @@ class SensorNoise:
         return self._matrix.copy()
 
     def _gains(self, rng: np.random.Generator) -> Matrix:
-        """A of the IMU and of both feet, as one block-diagonal matrix (18, 18)."""
+        """Matrix A of IMU and feet, block-diagonal (18, 18)."""
         imu, feet, given, scale = self._imu_spec, self._feet_spec, self._given, self.scale
         turn = scale * imu.misalignment * rng.standard_normal(3) + given.array("misalignment", (3,))
         rotation = pin.exp3(turn).T
@@ -195,7 +195,7 @@ class SensorNoise:
                 self._age_rng.random(out=self._ages)
 
     def measure(self, t: float, exact: NDArray[np.float64]) -> SensorData:
-        """Measurements at a stamp [s]: views of ``exact``, the true channels (size,), which is changed in place."""
+        """Measurements at a stamp [s]: views of ``exact``, the true channels (size,), modified in place."""
         nj = self._nj
         if self._exact:
             return unpack(t, exact, nj)
@@ -208,7 +208,7 @@ class SensorNoise:
         return sensors
 
     def _remember(self, exact: NDArray[np.float64]) -> None:
-        """Keep the values, and those of the tick before; the first sample has no past."""
+        """Store the values of this tick and of the last one; for the first sample both are the same."""
         if self._measured != self._ticks:
             if self._measured == self._ticks - 1 and self._ticks > 1:
                 self._now, self._before = self._before, self._now
@@ -219,17 +219,17 @@ class SensorNoise:
 
 
 class _Memory(NamedTuple):
-    """Constants and state of ``SensorNoise``; the last channels are those behind the joints (18,)."""
+    """Constants and state of ``SensorNoise``; "last channels" are those after the joints (18,)."""
 
     sigma: Vector  # (size,)
     walk: Vector  # (6,)
-    step: Vector  # of the rounding, 0 without (size,)
+    step: Vector  # resolution, 0 for no rounding (size,)
     reach: Vector  # full scale of the last channels (18,)
     bias: Vector  # (size,)
-    error: Vector  # of the tick (size,)
+    error: Vector  # additive error of the tick (size,)
     matrix: Matrix  # A of the last channels (18, 18)
-    drawn: Vector  # white noise of channels and walking biases (size + 6,)
-    ages: Vector  # of encoders, IMU and feet as shares of the jitter (3,)
+    drawn: Vector  # white noise of channels and bias random walk (size + 6,)
+    ages: Vector  # ages of encoders, IMU and feet relative to the jitter (3,)
 
 
 @njit(cache=True)
@@ -245,7 +245,7 @@ def _draw_errors(noise: Unboxed[_Memory]) -> None:
 
 @njit(cache=True)
 def _distort(values: Vector, before: Vector, jitter: float, nj: int, noise: Unboxed[_Memory]) -> None:
-    """Turn exact values (size,) into measurements, in place; ``before`` are those of the tick before (size,)."""
+    """Compute measurements from exact values (size,), in place; ``before`` are the exact values of the last tick."""
     memory = noise.record
     first = 3 * nj
     if jitter > 0.0:
@@ -266,7 +266,7 @@ def _distort(values: Vector, before: Vector, jitter: float, nj: int, noise: Unbo
 
 
 def unpack(t: float, values: Vector, nj: int) -> SensorData:
-    """The channels of ``SensorNoise.size`` as a sample, without copying."""
+    """Views of the channels of ``SensorNoise`` as a sample."""
     i = 3 * nj
     return SensorData(
         t=t,

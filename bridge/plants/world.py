@@ -1,4 +1,4 @@
-"""The MuJoCo world: ground, obstacle, and the robots that share it, each with its part of one state."""
+"""The MuJoCo world: ground, obstacle, and the robots that share one model and state."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from models.robot_model import RobotModel
 from models.terrain import FLAT, Ground, Terrain, terrain_named
 from models.types import Vector
 
-SPACING = 1.5  #: Distance along y of robots without a place [m]
+SPACING = 1.5  #: Distance along y between robots without a given place [m]
 STEP_MAX = 0.001  #: Longest physics step; a longer tick is divided into equal steps [s]
-ALONE = ""  #: Name of the only robot of a world; names in MuJoCo then have no prefix
+ALONE = ""  #: Name of a single robot in a world; its names in MuJoCo have no prefix
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Start of a robot: middle between its soles in W [m], and heading [rad]; ``ConfigError`` for NaN or infinity."""
+    """Start of a robot: midpoint of its soles in W [m], and heading [rad]; ``ConfigError`` for NaN or infinity."""
 
     x: float = 0.0
     y: float = 0.0
@@ -37,7 +37,7 @@ class Place:
 
 
 class Box(Obstacle):
-    """The box of a terrain that has one, which may be placed in the robot's path with effect from the next step."""
+    """The movable box of a terrain, if it has one; changes take effect at the next step."""
 
     def __init__(self, terrain: Terrain, ground: Ground, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._terrain, self._ground, self._data = terrain, ground, data
@@ -63,13 +63,13 @@ class Box(Obstacle):
 class MujocoWorld:
     """One MuJoCo model and state, stepped by the plants of its robots.
 
-    ``step`` moves the given robots. The others stand still as if no time passed: their positions and velocities are
-    restored after the physics. So each robot may be started or reset separately.
+    ``step_world`` moves the given robots. The others stand still: their positions and velocities are restored after
+    each physics step. Thus each robot can be started or reset separately.
 
-    ``places`` are start poses by name, side by side along y, ``SPACING`` apart, for those left out. ``timestep`` is the
-    length of a tick [s], in which the physics makes equal steps of at most ``STEP_MAX``; the other arguments are those
-    of ``build_mujoco_world``. Raises ``ConfigError`` for an argument out of range, a place of no robot, or two robots
-    that touch at the start.
+    ``places`` are start poses by name; robots without one are side by side along y, ``SPACING`` apart. ``timestep`` is
+    the length of a tick [s], with equal physics steps of at most ``STEP_MAX``; the other arguments are those of
+    ``build_mujoco_world``. Raises ``ConfigError`` for an argument out of range, a place of an unknown robot, or two
+    robots in contact at the start.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class MujocoWorld:
         self.ground = Ground(terrain)
         self.obstacle = Box(terrain, self.ground, self.model, self.data)
         for number, mj in enumerate(built.values()):
-            self.data.qpos[mj.qpos.start] = SPACING * 100.0 * number  # apart, until each is reset to its place
+            self.data.qpos[mj.qpos.start] = SPACING * 100.0 * number  # apart until each is reset to its place
         for name in robots:
             try:
                 self.put_back(name)
@@ -111,13 +111,13 @@ class MujocoWorld:
                 raise ConfigError(f"{error}: place them farther apart") from error
 
     def robot(self, name: str) -> tuple[RobotModel, MujocoModel]:
-        """A robot by name; ``ConfigError`` for an unknown one."""
+        """Models of a robot by name; ``ConfigError`` for an unknown name."""
         if name not in self.robots:
             raise ConfigError(f"world: unknown robot '{name}'; known: {', '.join(self.robots)}")
         return self._models[name], self.robots[name]
 
     def put_back(self, name: str) -> None:
-        """Reset a robot (alone: the whole world) to its place, held; ``CommandError`` when another one is there."""
+        """Reset a robot (a single one: the whole world) to its place, held; ``CommandError`` if another is there."""
         robot, mj = self.robot(name)
         data, q = self.data, self._start(name)
         if len(self.robots) == 1:
@@ -146,7 +146,7 @@ class MujocoWorld:
         return q
 
     def touching(self, name: str) -> str:
-        """Name of another robot in contact with a robot; empty without contact."""
+        """Name of a robot in contact with the given one; empty without contact."""
         base = self.robots[name].base_body
         roots = self.model.body_rootid[self.model.geom_bodyid[self.data.contact.geom]]  # (ncon, 2)
         met = set(roots[(roots == base).any(axis=1)].ravel().tolist())
@@ -154,9 +154,9 @@ class MujocoWorld:
 
 
 class SeenWorld:
-    """A copy of the world of a simulated robot, with the robot's drawn shapes, that is set from given states.
+    """A copy of the world of a simulated robot, with its visual geoms, set to given states.
 
-    ``obstacle`` is the middle of the terrain's box in W (3,) [m], None for its place at the start.
+    ``obstacle`` is the centre of the terrain's box in W (3,) [m], None for its place at the start.
     """
 
     def __init__(self, robot: RobotModel, terrain: str | Terrain = FLAT) -> None:
@@ -168,7 +168,7 @@ class SeenWorld:
         self._still = np.zeros(robot.nv)
 
     def set(self, q: Vector) -> None:
-        """Put the robot into a configuration (nq,)."""
+        """Set the configuration of the robot (nq,) and the place of the box."""
         self._data.qpos[:], _ = pin_to_mujoco(self.robot, self._mj, q, self._still)
         if self._has_obstacle and self.obstacle is not None:
             self._data.mocap_pos[self._model.body(OBSTACLE).mocapid[0]] = self.obstacle
@@ -176,19 +176,19 @@ class SeenWorld:
 
 
 def physics_step(period: float) -> float:
-    """Length of the physics steps in a tick of a length [s]."""
+    """Length of the physics steps in a tick [s], for the length of the tick [s]."""
     return period / max(math.ceil(round(period / STEP_MAX, 6)), 1) if 0.0 < period < 1.0 else period
 
 
-#: All inputs of ``mj_step``, with the warm start of the contact solver and pushes
+#: All inputs of ``mj_step``, including the warm start of the contact solver and pushes
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class BarePhysics:
-    """Records start and controls of a part of a run of at most ``ticks``, and repeats it in a separate ``data``.
+    """Records start state and controls of up to ``ticks`` ticks of a run, and replays them in a separate ``data``.
 
-    ``MujocoWorld`` makes ``mj_step`` in two halves, so ``replay`` passes the same states as long as only the actuators
-    have acted since the tick before ``begin``. Its time is the least that a tick can take.
+    ``step_world`` executes ``mj_step`` in two halves. ``replay`` therefore reproduces the states if only the actuators
+    have acted since the tick before ``begin``. Its duration is a lower bound of the time of these ticks.
     """
 
     def __init__(self, model: mujoco.MjModel, ticks: int) -> None:
@@ -208,11 +208,11 @@ class BarePhysics:
         self._count += 1
 
     def rewind(self) -> None:
-        """Return to the start."""
+        """Return to the recorded start state."""
         mujoco.mj_setState(self._model, self.data, self._start, STATE)
 
     def replay(self) -> None:
-        """Step through the recorded part, after ``rewind``."""
+        """Replay the recorded ticks; call ``rewind`` before."""
         model, data, step = self._model, self.data, mujoco.mj_step
         for controls in self._controls[: self._count]:
             data.ctrl[:] = controls
