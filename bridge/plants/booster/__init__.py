@@ -1,1 +1,1 @@
-"""Booster's low-level protocol as a plant."""
+"""Plant for Booster's low-level protocol."""

@@ -1,9 +1,9 @@
 """LowState and RemoteControllerState to sensor data and buttons, joint commands to LowCmd.
 
-The messages have no checksum, no time and no reserved words. Time is what DDS adds to a message (``Stamped``). Of the
-two kinds of ankles, cranks (parallel) and pitch and roll (serial), the serial one is read and commanded. ``weight`` of
-a motor has no effect while the robot executes LowCmds, its mode ``custom``: the weights of the first motors lie below 1
-by a few steps of ``WEIGHT_STEP``, whose number is a byte that marks who sent the command.
+The messages have no checksum, no time and no reserved words. The time is taken from DDS (``Stamped``). Of the two sets
+of ankle motors, parallel (cranks) and serial (pitch and roll), the serial one is read and commanded. A motor's
+``weight`` has no effect in mode ``custom``, in which the robot executes LowCmds. The weights of the first motors
+therefore encode the sender: a byte n is the weight 1 - n ``WEIGHT_STEP``.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData, Vector
 
 ENCAPSULATION = b"\x00\x01\x00\x00"  #: Header of a serialised message: XCDR1, little-endian
-PADDING = 4  #: A message is filled up to a multiple of this size on the wire [bytes]
+PADDING = 4  #: Serialised messages are padded to a multiple of this size [bytes]
 _MOTOR_STATE = np.dtype([
     ("mode", "i1"), ("pad", "u1", 3), ("q", "<f4"), ("dq", "<f4"), ("ddq", "<f4"), ("tau_est", "<f4"),
     ("temperature", "i1"), ("pad2", "u1", 3), ("lost", "<u4"), ("reserve", "<u4", 2),
@@ -31,20 +31,20 @@ _MOTOR_CMD = np.dtype([
     ("mode", "i1"), ("pad", "u1", 3), ("q", "<f4"), ("dq", "<f4"), ("tau", "<f4"), ("kp", "<f4"), ("kd", "<f4"),
     ("weight", "<f4"),
 ])  # fmt: skip
-#: Buttons of the remote controller in the order of the message, which has four floats and an event before them
+#: Buttons of the remote controller in the order of the message, after the event and four floats
 BUTTONS = (
     "a", "b", "x", "y", "lb", "rb", "lt", "rt", "ls", "rs", "back", "start", "hat_c", "hat_u", "hat_d", "hat_l",
     "hat_r", "hat_lu", "hat_ld", "hat_ru", "hat_rd",
 )  # fmt: skip
 REMOTE = np.dtype([("event", "<u4"), ("sticks", "<f4", 4), ("buttons", "u1", len(BUTTONS)), ("hat_pos", "u1")])
-REMOVED = 0x606  #: Event of SDL 2: the remote controller is disconnected
+REMOVED = 0x606  #: Event of SDL 2: remote controller disconnected
 DAMPING, PREPARE, CUSTOM = 0, 1, 3  #: Modes of the robot
 #: Name of each mode in which the vendor's controller is active
 MODES: Mapping[int, str] = {DAMPING: "damping", PREPARE: "prepare", 2: "walking", 4: "soccer"}
 SERIAL = 1  #: ``cmd_type``: ankles are commanded by pitch and roll
-MARK, GUARD_MARK = 0x50, 0x47  #: First byte of the marks of the driver, and of its guard
-WEIGHT_STEP = 2.0**-24  #: Distance of two weights below 1 [-]
-_MARKS = 6  #: Bytes of a mark: who, session (4), whether it is the last command
+MARK, GUARD_MARK = 0x50, 0x47  #: First byte of the marks of the driver and of its guard
+WEIGHT_STEP = 2.0**-24  #: Difference between adjacent weights below 1 [-]
+_MARKS = 6  #: Bytes of a mark: sender, session (4), whether it is the last command
 
 
 @config_dataclass(frozen=True, slots=True, config=STRICT)
@@ -67,40 +67,40 @@ class BoosterConfig:
 
 
 def read_config(options: Mapping[str, Any]) -> BoosterConfig:
-    """The packaged options with others in their place, by nested keys; ``ConfigError`` names every wrong key."""
+    """The packaged options, overlaid by given ones with nested keys; ``ConfigError`` names every wrong key."""
     return overlaid(default_config(BoosterConfig, "bridge", "booster"), options, "plant booster")
 
 
 class Stamped(NamedTuple):
-    """A serialised message as it came."""
+    """A serialised message with its DDS source time and number."""
 
-    state: bool  # a LowState; a RemoteControllerState otherwise
+    state: bool  # True for a LowState, False for a RemoteControllerState
     data: bytes
-    time: int = 0  # at which it was published, by the robot's clock [ns]
-    number: int = 0  # of the message of its publisher
+    time: int = 0  # source time by the robot's clock [ns]
+    number: int = 0  # sequence number of the publisher
 
 
 @dataclass(frozen=True, slots=True)
 class BoosterSample(LowSample):
     """Contents of one LowState; voltages are not measured."""
 
-    rpy: Vector  #: Orientation of the IMU that the robot estimates: roll, pitch, yaw (3,) [rad]
+    rpy: Vector  #: Orientation of the IMU estimated by the robot: roll, pitch, yaw (3,) [rad]
 
 
 def low_state(motors: int) -> np.dtype[Any]:
-    """Layout of a LowState of a robot with this number of motors."""
+    """Layout of a LowState with a number of motors."""
     counted = [("parallel_size", "<u4"), ("parallel", _MOTOR_STATE, motors)]
     counted += [("serial_size", "<u4"), ("serial", _MOTOR_STATE, motors)]
     return np.dtype([("rpy", "<f4", 3), ("gyro", "<f4", 3), ("acc", "<f4", 3), *counted])
 
 
 def low_cmd(motors: int) -> np.dtype[Any]:
-    """Layout of a LowCmd of a robot with this number of motors."""
+    """Layout of a LowCmd with a number of motors."""
     return np.dtype([("cmd_type", "i1"), ("pad", "u1", 3), ("size", "<u4"), ("motors", _MOTOR_CMD, motors)])
 
 
 def pack(record: Any) -> bytes:
-    """Serialise a record of one of these layouts."""
+    """Serialise a record."""
     return ENCAPSULATION + bytes(record.tobytes())
 
 
@@ -115,27 +115,27 @@ def unpack(name: str, data: bytes, layout: np.dtype[Any]) -> Any:
 
 
 class RemoteController:
-    """Whether the remote controller of the robot is connected, from its RemoteControllerStates.
+    """Monitors the connection of the robot's remote controller by its RemoteControllerStates.
 
-    It sends its state periodically, so that two messages in succession are the same, or its events alone. A silence of
-    ``age_max`` [s] is a lost connection in the first case. In the second one nothing in the protocol tells a lost
-    connection from buttons that are not pressed, so the operator has to use one every ``event_age_max`` [s].
+    A remote controller sends its state either periodically, which two equal messages in succession show, or only on
+    events. With periodic messages, a silence of ``age_max`` [s] is a lost connection. With events only, the protocol
+    does not distinguish a lost connection from idle buttons: the operator must use one every ``event_age_max`` [s].
     """
 
     def __init__(self, age_max: float, event_age_max: float) -> None:
         self._age_max, self._event_age_max = age_max, event_age_max
         self._data = b""  # newest message
         self._periodic = False
-        self.age = 0.0  #: Of that message [s]
-        self.served = True  #: Whether a program of the robot publishes the messages
+        self.age = 0.0  #: Age of that message [s]
+        self.served = True  #: Whether a program on the robot publishes the messages
         self._removed = False
 
     def step(self, dt: float) -> None:
-        """Advance by a time without a message [s]."""
+        """Advance the age by a time [s]."""
         self.age += dt
 
     def receive(self, data: bytes) -> frozenset[str]:
-        """Buttons that are pressed in a serialised RemoteControllerState; ``MessageError`` for a wrong size."""
+        """Pressed buttons in a serialised RemoteControllerState; ``MessageError`` for a wrong size."""
         record = unpack("remote_controller_state", data, REMOTE)
         self._periodic |= data == self._data
         self._data, self.age, self._removed = data, 0.0, bool(record["event"] == REMOVED)
@@ -160,9 +160,9 @@ class RemoteController:
 class BoosterCodec:
     """Converts between serialised messages and the records of this project.
 
-    The joints of ``model`` may have another order than the motors, which are those of ``config``; ``ConfigError`` for a
-    robot with other joints. Values of the feet are nan: the robot does not measure them. A LowCmd carries the
-    ``session`` of its graph; with ``guard`` it is one of the guard.
+    ``config`` names the motors in their order; ``model`` may have its joints in another order. Raises ``ConfigError``
+    for a robot with other joints. Foot wrenches are NaN, because the robot does not measure them. A LowCmd contains the
+    ``session`` of its graph, and the mark of the guard if ``guard``, else of the driver.
     """
 
     def __init__(
@@ -185,7 +185,7 @@ class BoosterCodec:
         self._mark = np.frombuffer(mark, np.uint8)
 
     def decode(self, message: Stamped) -> BoosterSample:
-        """Contents of a LowState; ``MessageError`` for another number of motors, or values not finite."""
+        """Decode a LowState; ``MessageError`` for another number of motors, or non-finite values."""
         record = unpack("low_state", message.data, self._state)
         count = len(self._motors)
         if record["serial_size"] != count or record["parallel_size"] != count:
@@ -205,7 +205,7 @@ class BoosterCodec:
         )
 
     def encode(self, command: JointCommand, last: bool = False) -> bytes:
-        """Serialised LowCmd of a command. After the ``last`` one the guard no longer damps the robot."""
+        """Serialised LowCmd of a command; one with ``last`` disarms the guard."""
         motors, model, order = self._record["motors"], self._model, self._motors
         motors["q"][order], motors["dq"][order], motors["tau"][order] = command.q, command.v, command.tau
         motors["kp"][order] = model.kp if command.kp is None else command.kp
@@ -215,7 +215,7 @@ class BoosterCodec:
         return pack(self._record)
 
     def decode_command(self, data: bytes) -> JointCommand:
-        """Command of a serialised LowCmd; ``MessageError`` for another number of motors or parallel ankles."""
+        """Command in a serialised LowCmd; ``MessageError`` for another number of motors, or for parallel ankles."""
         record = unpack("low_cmd", data, self._layout)
         if record["size"] != len(self._motors) or record["cmd_type"] != SERIAL:
             raise MessageError(f"low_cmd: {record['size']} motors with cmd_type {record['cmd_type']}")
@@ -223,7 +223,7 @@ class BoosterCodec:
         return JointCommand(*(motors[name].astype(np.float64) for name in ("q", "dq", "tau", "kp", "kd")))
 
     def mark(self, data: bytes) -> bytes:
-        """The bytes of a mark in a serialised LowCmd, empty where it has none."""
+        """Bytes of the mark in a serialised LowCmd; empty without a mark."""
         try:
             weights = unpack("low_cmd", data, self._layout)["motors"]["weight"][:_MARKS]
         except MessageError:
@@ -232,6 +232,6 @@ class BoosterCodec:
         return bytes(steps.astype(np.uint8)) if ((steps >= 0.0) & (steps < 256.0)).all() else b""
 
     def is_foreign(self, data: bytes) -> bool:
-        """Whether a serialised LowCmd is of neither driver nor guard with this session."""
+        """Whether a serialised LowCmd is neither of the driver nor of the guard of this session."""
         mark = self.mark(data)
         return mark[1:-1] != self._mark[1:].tobytes() or mark[0] not in (MARK, GUARD_MARK)

@@ -1,4 +1,4 @@
-"""Guard of a Booster robot, which is assumed to keep the last command for ever."""
+"""Guard of a Booster robot, which is assumed to keep the last command without a timeout."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,9 +13,9 @@ from models.types import JointCommand
 
 
 class BoosterGuard(SilenceGuard):
-    """Watches the LowCmds of the driver, with ``MARK`` and its session, and makes damping ones while there are none.
+    """Watches the LowCmds of the driver (``MARK`` and its session) and replaces missing ones by damping commands.
 
-    The driver's ``last`` command, for the robot's own controller that has become active, disarms the guard.
+    The driver's command with ``last``, at its end or when the vendor's controller is active, disarms the guard.
     """
 
     def __init__(self, model: RobotModel, options: Mapping[str, Any]) -> None:
@@ -26,7 +26,7 @@ class BoosterGuard(SilenceGuard):
         self._data = b""  # the driver's last command
 
     def receive(self, data: bytes, now: float) -> None:
-        """A LowCmd from the network at a time [s]."""
+        """Handle a LowCmd received at a time [s]."""
         mark = self._codec.mark(data)
         if self._codec.is_foreign(data):
             self.foreign += 1
@@ -44,5 +44,5 @@ class BoosterGuard(SilenceGuard):
 
 
 def connect(model: RobotModel, domain: int, options: Mapping[str, Any]) -> tuple[BoosterGuard, CommandLink]:
-    """The guard of a robot in a DDS domain and its connection, with the options of the plant."""
+    """Create the guard of a robot in a DDS domain and its connection; ``options`` are those of the plant."""
     return BoosterGuard(model, options), CommandLink(domain, "booster_interface", COMMAND)

@@ -1,7 +1,7 @@
-"""Connection to a Booster robot: a separate participant in the robot's DDS domain, polled, without an executor.
+"""Connection to a Booster robot: a separate participant in the robot's DDS domain, polled without an executor.
 
-Booster's services are two topics each: a request and a response with the same uuid. ``LocoApi`` names the mode of the
-robot (``GET_MODE``) and changes it (``CHANGE_MODE``). LowCmds are executed in mode ``CUSTOM`` alone.
+A service of Booster consists of two topics: a request and a response with the same uuid. ``LocoApi`` reports the mode
+of the robot (``GET_MODE``) and changes it (``CHANGE_MODE``). The robot executes LowCmds only in mode ``CUSTOM``.
 """
 
 import json
@@ -19,14 +19,14 @@ CHANGE_MODE, GET_MODE = 2000, 2017  #: Functions of the service
 
 
 class BoosterLink(LowLink, Protocol):
-    """Messages of one robot: ``Stamped``. ``vendor`` names its mode, empty for ``CUSTOM``."""
+    """Connection to one robot; its messages are ``Stamped``. ``vendor`` is its mode, empty for ``CUSTOM``."""
 
     @property
     def remote_served(self) -> bool:
-        """Whether a program of the robot publishes the states of its remote controller."""
+        """Whether a program on the robot publishes the states of its remote controller."""
 
     def damp(self) -> None:
-        """Request the robot's own damping."""
+        """Request the robot's mode ``DAMPING``."""
 
 
 TOPICS = Topics(
@@ -36,7 +36,7 @@ TOPICS = Topics(
 
 
 class DdsBoosterLink(ServiceLink, BoosterLink):
-    """``ServiceLink`` to ``LocoApi`` in a DDS domain, which is asked for the mode every ``mode_period`` [s]."""
+    """``ServiceLink`` to ``LocoApi`` in a DDS domain; requests the mode every ``mode_period`` [s]."""
 
     def __init__(self, domain: int, mode_period: float) -> None:
         super().__init__(domain, "poise_booster", TOPICS, mode_period)
@@ -79,7 +79,7 @@ class DdsBoosterLink(ServiceLink, BoosterLink):
 
 
 def mode_of(header: str, body: str) -> int:
-    """Mode in a response to ``GET_MODE``; ``MessageError`` for one that has none."""
+    """Mode in a response to ``GET_MODE``; ``MessageError`` for an error status or a response without a mode."""
     try:
         status: Any = json.loads(header)["status"]
         if status == 0:

@@ -1,4 +1,4 @@
-"""A Booster humanoid by its low-level protocol: the robot as the driver program sees it."""
+"""Plant of a Booster humanoid with its low-level protocol."""
 
 import time
 from collections.abc import Mapping
@@ -17,17 +17,17 @@ from models.types import JointCommand
 
 
 class BoosterPlant(LowLevelPlant[BoosterSample]):
-    """LowState in, LowCmd out; the robot executes LowCmds in its mode ``custom``, which is the release of its vendor.
+    """LowState in, LowCmd out. In mode ``custom`` the vendor's controller is released and the robot executes LowCmds.
 
-    It changes to that mode only with a LowCmd at hand: damping commands are sent from the request on. ``close`` leaves
-    the robot in its own damping.
+    The robot enters this mode only if it receives LowCmds, so each request is sent with a damping command. ``close``
+    leaves the robot in its mode ``damping``.
 
     Args:
         model: The robot, with a section ``hardware`` in its profile.
-        network_interface: Of this computer, to the robot; only named in messages, see ``bridge/launch/hardware.py``.
+        network_interface: This computer's interface to the robot; only for messages, see ``bridge/launch/hardware.py``.
         domain: DDS domain of the robot.
-        marker: File that marks an unfinished run; that of the interface when empty.
-        link: Connection to the robot; one over DDS when None.
+        marker: File that marks an unfinished run; empty for the default of interface and domain.
+        link: Connection to the robot; over DDS when None.
         options: Values that replace those of ``bridge/config/booster.yaml``.
 
     Raises:
@@ -54,7 +54,7 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
         clock = RobotClock(1.0 / config.rate, real_robot().gap_max, tick, 1 << 63)
         super().__init__(model, "booster", (network_interface, domain), marker, 1.0 / config.rate, clock, BUTTONS)
         self._codec = BoosterCodec(model, config, clock, self._session)
-        self._imu_error = np.zeros(3)  # mean of the accelerometer without gravity [m/s^2]
+        self._imu_error = np.zeros(3)  # mean acceleration without gravity [m/s^2]
         self._remote = RemoteController(config.remote_age_max, config.remote_event_age_max)
         self._end_warning = ""
         self._link = DdsBoosterLink(domain, config.mode_period) if link is None else link
@@ -87,7 +87,7 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """Holds of the monitors, and a remote controller whose connection is lost."""
+        """As ``LowLevelPlant``, and a fault of the remote controller's connection."""
         return (*super().holds, *filter(None, [self._remote.fault]))
 
     def _is_foreign(self, data: bytes) -> bool:
@@ -113,12 +113,12 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
         return self._end_warning
 
     def release_vendor(self) -> None:
-        """Request mode ``custom``, with a damping command, for which the guard does not stand in."""
+        """Send a damping command that does not arm the guard, and request mode ``custom``."""
         self._link.send(self._encode_command(damping_command(self._model), last=True))
         self._link.release()
 
     def _finish(self) -> None:
-        self._end_guard()  # also where the robot's own controller is active: the guard would go on against it
+        self._end_guard()  # also if the vendor's controller is active, because the guard would command against it
         data, period = self._encode_command(damping_command(self._model), last=True), real_robot().command_period
         for _ in range(round(self._config.finish_time / period)):
             if self.vendor:

@@ -1,1 +1,1 @@
-"""Robots behind ros2_control as a plant: broadcasters in, one command controller out."""
+"""Plant for robots behind ros2_control: broadcasters in, one command controller out."""

@@ -1,12 +1,12 @@
-"""Joint commands to the messages of ros2_control's command controllers.
+"""Encodes joint commands as messages of ros2_control's command controllers.
 
-- ``effort``: effort_controllers/JointGroupEffortController, or forward_command_controller/ForwardCommandController of
-  interface ``effort``. The law of the drives is evaluated here, at the newest state.
-- ``pvt``: gpio_controllers/GpioCommandController, which sets any command interfaces of a message at once, with the
-  interfaces ``PVT`` of each joint. The drives evaluate their law.
-- ``feedback``: linear_feedback_controller, tau = feedforward + K (x_d - x); K is diagonal here.
+- ``effort``: effort_controllers/JointGroupEffortController, or forward_command_controller/ForwardCommandController with
+  interface ``effort``. The PD law of the drives is evaluated here, at the newest state.
+- ``pvt``: gpio_controllers/GpioCommandController, which sets all command interfaces of a message at once, with the
+  interfaces ``PVT`` of each joint. The drives evaluate the PD law.
+- ``feedback``: linear_feedback_controller, tau = feedforward + K (x_d - x); K has only joint gains here.
 
-Joints are in the order of the robot's profile, which is that of Pinocchio. A command is marked with its sender.
+Joints are in the order of the robot's profile, which is the order of Pinocchio. Each command has a mark of its sender.
 """
 
 from collections.abc import Sequence
@@ -27,14 +27,14 @@ from models.nodes.messages import decode
 from models.robot_model import RobotModel
 from models.types import JointCommand, Vector
 
-#: Begin of a driver's mark, which goes on with its session, and mark of the guard of this process's graph
+#: Prefix of a driver's mark, followed by its session; mark of the guard of this process's graph
 DRIVER, GUARD = "poise_driver", f"poise_guard_{session():08x}"
-#: Shares of the rotor's inertia over the longest delay, and of kd over it, with which the loop of gains is stable
+#: Stable gains: bound of kd relative to rotor inertia / longest delay, and of kp relative to kd / longest delay [-]
 DAMPING_SHARE, STIFFNESS_SHARE = 1.2, 0.4
 #: Command interfaces of a joint with drive-side PD, named as in ``hardware_interface`` of ros2_control
 PVT = ("position", "velocity", "effort", "proportional", "derivative")
 _FRAME_ID = STAMP_OFFSET + STAMP_SIZE  #: Offset of ``header.frame_id`` [bytes]
-_DIMENSIONS, _LABEL = 4, 8  #: Offsets of the number of dimensions of a layout, and of the first one's label [bytes]
+_DIMENSIONS, _LABEL = 4, 8  #: Offsets of a layout's number of dimensions and of the first label [bytes]
 
 
 def driver_mark() -> str:
@@ -45,40 +45,40 @@ def driver_mark() -> str:
 class CommandCodec(Protocol):
     """Messages of one command controller.
 
-    ``evaluated`` is whether a command is computed from the state: without a new state it must not be repeated.
+    ``evaluated`` is whether a message depends on the state; then it must not be repeated without a new state.
     """
 
     kind: Any
     evaluated: bool
 
     def executed(self, command: JointCommand) -> JointCommand:
-        """What the controller executes of a command."""
+        """The command as the controller executes it."""
         return command
 
     def encode(self, stamp: int, command: JointCommand, q: Vector, v: Vector, last: bytes = b"") -> bytes:
-        """Serialised message of a command for the state q [rad], v [rad/s] (nj,), measured at a stamp [ns].
+        """Serialised message of a command for the state q [rad], v [rad/s] (nj,) measured at a stamp [ns].
 
-        ``last`` is the message before it, with any mark; none when empty.
+        ``last`` is the previous message with any mark; empty for none.
         """
 
     def decode(self, data: bytes) -> JointCommand:
-        """Command in a message of ``encode`` with any mark; ``MessageError`` for other sizes."""
+        """Command in a message of ``encode`` with any mark; ``MessageError`` for a wrong size."""
 
     def mark(self, data: bytes) -> str:
-        """Mark of the sender of a serialised message, by default its frame id; empty without one."""
+        """Mark of the sender in a serialised message, by default its frame id; empty without one."""
         return _text(data, _FRAME_ID)
 
 
 class EffortCodec(CommandCodec):
     """std_msgs/Float64MultiArray: torques (nj,) [N.m] within the limits of the profile. The mark is a label.
 
-    A torque differs from the last one by no more than the drives' rate limit allows in a ``period`` [s], as in a drive
-    that evaluates its law: whatever shakes a joint, its damping makes no larger step.
+    The change of a torque per ``period`` [s] is within the drives' rate limit, as in a drive that evaluates the PD law.
+    This bounds the steps of the damping torque of a shaken joint.
 
-    The loop of the gains includes the network. On a rotor of inertia I, kd = a I / T and kp = b kd / T give the open
-    loop a (s T + b) exp(-s t) / (s T)^2 with a delay t from a state to its torque. For a = 1.2, b = 0.4 the phase at
-    its crossover, s T = 1.26 i, is -180 deg at t = 1.003 T: the loop is stable up to the delay T = ``delay_max`` [s],
-    and has a phase margin of 36 deg at half of it. The links add to the inertia: M = diag(I) + L with L >= 0. Raises
+    The PD loop includes the network. For a rotor of inertia I, the gains kd = a I / T and kp = b kd / T, and a delay t
+    from a state to its torque, the open loop is a (s T + b) exp(-s t) / (s T)^2. With a = 1.2, b = 0.4 the phase at the
+    crossover s T = 1.26 i is -180 deg for t = 1.003 T. The loop is thus stable up to the delay T = ``delay_max`` [s],
+    with a phase margin of 36 deg at half of it. The links add to the inertia: M = diag(I) + L with L >= 0. Raises
     ``ConfigError`` for a joint without rotor inertia.
     """
 
@@ -147,10 +147,10 @@ class PvtCodec(CommandCodec):
 
 
 class FeedbackCodec(CommandCodec):
-    """linear_feedback_controller_msgs/Control: K = [0 kp 0 kd] (nj, 2 nv), feed-forward, and the desired state.
+    """linear_feedback_controller_msgs/Control: K = [0 kp 0 kd] (nj, 2 nv), feed-forward torque and desired state.
 
-    With ``free_flyer`` nv includes the base, whose columns are zero and whose desired pose is the origin; otherwise nv
-    is nj. The mark is the frame id.
+    With ``free_flyer`` nv includes the base: its columns are zero, its desired pose is the origin. Otherwise nv = nj.
+    The mark is the frame id.
     """
 
     evaluated = False
@@ -196,7 +196,7 @@ class FeedbackCodec(CommandCodec):
 
 
 def command_codec(model: RobotModel, config: Ros2ControlConfig, mark: str) -> CommandCodec:
-    """Codec of a kind of command; ``MessageError`` when its messages are not built."""
+    """Codec of the configured command controller; ``MessageError`` when its message types are not built."""
     if config.command == "effort":
         return EffortCodec(model, mark, config.delay_margin * config.delay, 1.0 / config.rate)
     if config.command == "pvt":
@@ -209,13 +209,13 @@ def _gains(command: JointCommand, default: tuple[Vector, Vector]) -> tuple[Vecto
 
 
 def _numbers(name: str, values: Sequence[float], count: int) -> Vector:
-    """Values of a field (count,); ``MessageError`` for another number of them."""
+    """Values of a field (count,); ``MessageError`` for another number of values."""
     if len(values) != count:
         raise MessageError(f"{name}: {len(values)} values instead of {count}")
     return np.array(values, dtype=np.float64)
 
 
 def _text(data: bytes, offset: int) -> str:
-    """String of a serialised message at the offset of its size; empty beyond the end."""
+    """String in a serialised message, at the offset of its size; empty beyond the end."""
     size = int.from_bytes(data[offset : offset + 4], "little")
     return data[offset + 4 : offset + 4 + size].rstrip(b"\0").decode(errors="replace")

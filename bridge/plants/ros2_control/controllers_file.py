@@ -1,4 +1,4 @@
-"""Parameter file of the controller manager for a robot's profile and the options of the plant."""
+"""Writes the parameter file of the controller manager for a robot's profile and the options of the plant."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, Ros2Co
 from bridge.plants.ros2_control.sensors import FIELDS
 from models.robot_model import SOLE_FRAMES, RobotModel
 
-ESTIMATOR = "joint_state_estimator"  #: Controller that gives linear_feedback_controller its state
+ESTIMATOR = "joint_state_estimator"  #: Controller that supplies the state to linear_feedback_controller
 _TYPES = {
     JOINTS: "joint_state_broadcaster/JointStateBroadcaster",
     IMU: "imu_sensor_broadcaster/IMUSensorBroadcaster",
@@ -29,7 +29,7 @@ _HEADER = """\
 
 
 def controllers_file(model: RobotModel, config: Ros2ControlConfig) -> str:
-    """YAML of broadcasters and command controller; joints in the order that the plant commands."""
+    """YAML of broadcasters and command controller; joints are in the order of the plant's commands."""
     names, joints = config.controllers, list(model.joint_names)
     used = {names[source]: _TYPES[source] for source in sources(model)}
     used[names[COMMAND]] = _COMMAND_TYPES[config.command]
@@ -55,14 +55,14 @@ def controllers_file(model: RobotModel, config: Ros2ControlConfig) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Without anchors, which the parameter files of ROS 2 cannot have."""
+    """Writes no anchors, which parameter files of ROS 2 do not support."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
 
 
 def _command_parameters(model: RobotModel, config: Ros2ControlConfig) -> dict[str, Any]:
-    """Parameters of the command controller, and of what it needs."""
+    """Parameters of the command controller and of the controllers that it needs."""
     name, joints = config.controllers[COMMAND], list(model.joint_names)
     if config.command == "effort":
         return {name: {"joints": joints}}
@@ -81,7 +81,7 @@ def _command_parameters(model: RobotModel, config: Ros2ControlConfig) -> dict[st
         "remove_gravity_compensation_effort": False,
         **damping,
     }
-    if config.free_flyer:  # an estimator of the base is needed, which gives joints, too
+    if config.free_flyer:  # needs an estimator of the base, which also supplies the joints
         return {name: feedback}
     return {
         name: feedback,

@@ -1,4 +1,4 @@
-"""Guard of a robot behind ros2_control: its command controllers keep the last command, without a time-out."""
+"""Guard of a robot behind ros2_control, whose command controllers keep the last command without a timeout."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,22 +17,22 @@ from models.types import JointCommand
 
 
 class ControlGuard(SilenceGuard):
-    """Watches the commands of the driver and the joint states, and makes damping commands while there are none.
+    """Watches the driver's commands and the joint states, and replaces missing commands by damping commands.
 
-    A controller of torques gets -kd v of the newest joint state. While there is none it gets only the part of the last
-    torque that has not faded yet, and at the end no torque.
+    An effort controller gets -kd v of the newest joint state in addition to the fading last torque. Without a recent
+    joint state it gets only the fading torque. At the end it gets zero torque.
     """
 
     def __init__(self, model: RobotModel, codec: CommandCodec) -> None:
         super().__init__(model)
         self._joints, self._codec = JointStateDecoder(model), codec
-        self._data, self._driver = b"", driver_mark()  # the last command of driver or guard; mark of the driver
+        self._data, self._driver = b"", driver_mark()  # last command of driver or guard; mark of the driver
         zero = np.zeros(model.nj)
         self._stamp, self._q, self._v = 0, zero, zero
         self._measured = -np.inf  # time of the newest joint state [s]
 
     def receive(self, message: Message, now: float) -> None:
-        """A command or joint state from the network at a time [s]."""
+        """Handle a command or joint state received at a time [s]."""
         source, data = message
         if source == JOINTS:
             try:
@@ -69,7 +69,7 @@ class ControlGuard(SilenceGuard):
 
 
 def connect(model: RobotModel, domain: int, options: Mapping[str, Any]) -> tuple[ControlGuard, RosLink]:
-    """The guard of a robot in a DDS domain and its connection, with the options of the plant."""
+    """Create the guard of a robot in a DDS domain and its connection; ``options`` are those of the plant."""
     config = read_config({**options, "controller_manager": ""})
     codec = command_codec(model, config, GUARD)
     return ControlGuard(model, codec), RosLink(domain, config, (JOINTS, COMMAND), codec.kind)

@@ -1,4 +1,4 @@
-"""Connection to a robot behind ros2_control: a separate participant in the robot's DDS domain, polled."""
+"""Connection to a robot behind ros2_control: a separate, polled participant in the robot's DDS domain."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -21,19 +21,19 @@ Message = tuple[str, bytes]  #: Source and serialised message
 
 
 class ControlLink(RobotConnection, Protocol):
-    """A connection to a robot and its controller manager; what it takes are messages of the sources."""
+    """A connection to a robot and its controller manager; ``take`` returns messages of the sources."""
 
     def controllers(self) -> Mapping[str, str] | None:
-        """State of each loaded controller by name; None while the controller manager does not answer."""
+        """State of each loaded controller by name; None without an answer of the controller manager."""
 
     def joint_order(self) -> Sequence[str] | None:
         """Joints of linear_feedback_controller in its order; None while unknown, and for other controllers."""
 
 
 class RosLink(Participant, ControlLink):
-    """The robot over rclpy, in the robot's domain; its transports are those of this process.
+    """The robot over rclpy in its domain, with the transports of this process.
 
-    ``command`` is the type of the commands. Raises ``MessageError`` when a type that is needed is not built.
+    ``command`` is the message type of the commands. Raises ``MessageError`` when a required type is not built.
     """
 
     def __init__(self, domain: int, config: Ros2ControlConfig, sources: Sequence[str], command: Any) -> None:
@@ -82,7 +82,7 @@ class RosLink(Participant, ControlLink):
         return self._controllers if now - self._answered <= self._shared.answer_age_max else None
 
     def _exchange(self, now: float) -> None:
-        """Take an answer of the controller manager, and ask again when it is time."""
+        """Take an answer of the controller manager, and send the next request when it is due."""
         client: Any = self._client
         with client.handle:
             _, answer = client.handle.take_response(self._listing.Response)

@@ -1,4 +1,4 @@
-"""A robot behind ros2_control: the robot as the driver program sees it."""
+"""Plant of a robot behind ros2_control."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -27,21 +27,21 @@ _CLOSED = "the connection was closed with the driver's deactivation: clean it up
 class Ros2ControlPlant(RealPlant):
     """Broadcasters in, commands of one controller out, on the clock of the stamps of the joint states.
 
-    A sample begins with a joint state; IMU and feet belong to it by their stamps. ``close`` damps the joints and leaves
-    a controller of torques without torque: it holds the last command for ever. A file in the user's state folder marks
-    a driver that has commanded the robot and has not closed: ``crashed``.
+    Each sample has one joint state; IMU and foot samples are assigned to it by their stamps. ``close`` damps the joints
+    and leaves an effort controller at zero torque, because it keeps the last command without a timeout. A file in the
+    user's state folder marks a driver that has commanded the robot and not been closed: ``crashed``.
 
     Args:
-        model: The robot; where its feet have sensors, their broadcasters are needed.
-        network_interface: Of this computer, to the robot; only named in messages.
+        model: The robot; feet with sensors need broadcasters.
+        network_interface: This computer's interface to the robot; only for messages.
         domain: DDS domain of the robot.
-        marker: File that marks an unfinished run; that of the interface when empty.
-        link: Connection to the robot; one over DDS when None.
+        marker: File that marks an unfinished run; empty for the default of interface and domain.
+        link: Connection to the robot; over DDS when None.
         options: Values that replace those of ``bridge/config/ros2_control.yaml``, by nested keys.
 
     Raises:
         ConfigError: A wrong option.
-        MessageError: Types of messages are not built.
+        MessageError: Message types are not built.
     """
 
     guard_process = "bridge.plants.ros2_control.guard:connect"
@@ -60,7 +60,7 @@ class Ros2ControlPlant(RealPlant):
         super().__init__(model, "ros2_control", f"{network_interface}-{domain}", marker, 1.0 / config.rate)
         self._clock = RobotClock(self._period, real_robot().gap_max, NANOSECOND, 1 << 63)
         self._sources = sources(model)
-        self._needed = [config.controllers[source] for source in (*self._sources, COMMAND)]  # controllers
+        self._needed = [config.controllers[source] for source in (*self._sources, COMMAND)]  # required controllers
         self._joints, self._imu = JointStateDecoder(model), ImuDecoder(model, config.imu_distance_max)
         self._feet = [WrenchDecoder(model, foot) for foot in range(len(FEET))]
         age, gap = (round(limit * NANOSECONDS) for limit in (config.part_age_max, real_robot().gap_max))
@@ -68,14 +68,14 @@ class Ros2ControlPlant(RealPlant):
         self._mark = driver_mark()
         self._codec = command_codec(model, config, self._mark)
         self._foreign = ForeignCommands("command", config.foreign_commands)
-        self._in_force = b""  # the last command, of this driver or its guard
+        self._in_force = b""  # last command of this driver or its guard
         self._others: Finding | None = None  # commands of other programs
-        self._samples: list[SensorData] = []  # complete, and not read yet
+        self._samples: list[SensorData] = []  # complete samples, not read yet
         self._t = 0.0  # time of the newest joint state [s]
         self._seen: dict[str, int] = {}  # stamp of the newest message by source [ns]
         self._restarts_seen = 0
-        self.refused = Counter[str]()  #: Messages that could not be used, by source
-        self._why: dict[str, str] = {}  # of the last refused message, by source
+        self.refused = Counter[str]()  #: Refused messages, by source
+        self._why: dict[str, str] = {}  # error of the last refused message, by source
         self._link: ControlLink = RosLink(domain, config, self._sources, self._codec.kind) if link is None else link
 
     def read(self) -> SensorData:
@@ -98,18 +98,18 @@ class Ros2ControlPlant(RealPlant):
         return self._sensors
 
     def mark(self, data: bytes) -> str:
-        """Mark of the sender of a serialised command."""
+        """Mark of the sender in a serialised command."""
         return self._codec.mark(data)
 
     @property
     def arrived(self) -> bool:
-        """Whether a complete sample has come since the last ``read``."""
+        """Whether a complete sample has arrived since the last ``read``."""
         if not self._samples and not self._closed:
             self._gather()
         return bool(self._samples)
 
     def _gather(self) -> None:
-        """Take over the messages that have come; one that cannot be used is counted."""
+        """Process the received messages; invalid ones are counted."""
         for message in sorted(self._link.take(), key=_order):
             try:
                 self._add(message)
@@ -154,19 +154,19 @@ class Ros2ControlPlant(RealPlant):
         return ""
 
     def _ages(self) -> dict[str, float]:
-        """Age of the newest message of each source against the joints [s]."""
+        """Age of the newest message of each source, relative to the joint states [s]."""
         joints = self._seen.get(JOINTS, 0)
         return {source: (joints - stamp) * NANOSECOND for source, stamp in self._seen.items() if source != JOINTS}
 
     def _inactive(self) -> list[str]:
-        """Controllers that are needed and not active; empty while unknown."""
+        """Advice for each required controller that is not active; empty while unknown."""
         states = self._link.controllers()
         if states is None:
             return []
         return [self._advice(name, states.get(name)) for name in self._needed if states.get(name) != ACTIVE]
 
     def _advice(self, name: str, state: str | None) -> str:
-        """What is wrong with a controller, and the command for it, which belongs into the robot's domain."""
+        """Error of a controller, and the command that fixes it, in the robot's domain."""
         manager = "" if self.config.manager == "/controller_manager" else f" -c {self.config.manager}"
         begin = f"ROS_DOMAIN_ID={self._domain} ros2 control"
         if state is None:
@@ -174,9 +174,9 @@ class Ros2ControlPlant(RealPlant):
         return f"controller '{name}' is {state}: {begin} switch_controllers{manager} --activate {name}"
 
     def _encode_command(self, command: JointCommand) -> bytes:
-        """Message of a command; torques of an old state have no gains.
+        """Serialised message of a command for the newest state.
 
-        Without a state for ``state_age_max``, a controller of torques gets the feed-forward torque alone: the gains
+        Without a state for ``state_age_max``, an effort controller gets the feed-forward torque without feedback, which
         would act on an old velocity.
         """
         if self._codec.evaluated and self.counter.silence > self.config.state_age_max:
@@ -196,7 +196,7 @@ class Ros2ControlPlant(RealPlant):
         return self._codec.executed(command)
 
     def _finish(self) -> None:
-        """No torque on a controller that keeps the last one, unless the guard process goes on damping."""
+        """Leave an effort controller at zero torque, unless the guard process continues to damp."""
         if self._codec.evaluated and (not self.guard.armed or self.guard.holds):
             zero = np.zeros(self._model.nj)
             self._link.send(self._codec.encode(self._seen.get(JOINTS, 0), JointCommand.torque(zero), zero, zero))
@@ -243,19 +243,19 @@ class Ros2ControlPlant(RealPlant):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why it is not known that the command controller is active."""
+        """Why the command controller is not known to be active."""
         if self.vendor is not None:
             return ()
         return (*self._inactive(), f"controller '{self.config.controllers[COMMAND]}' is not known to be active")[:1]
 
     @property
     def own_controller(self) -> str:
-        """None."""
+        """Empty: ros2_control has no vendor's controller."""
         return ""
 
     @property
     def vendor(self) -> str | None:
-        """Empty while the command controller is active: no other one can command its joints; None otherwise."""
+        """Empty while the command controller is active, because no other one can command its joints; else None."""
         if self._closed:
             return None
         if not self.config.controller_manager:
@@ -271,7 +271,7 @@ class Ros2ControlPlant(RealPlant):
 
     @property
     def _doubtful(self) -> tuple[str, ...]:
-        """Sources of the newest sample without a message of its stamp, and commands of other programs."""
+        """Warnings: sources without a message of the newest sample's stamp, and commands of other programs."""
         rate = self.config.rate
         mixed = (
             f"{source}: no message with the stamp of the joint states; its broadcaster must run at {rate:g} Hz"
@@ -281,12 +281,12 @@ class Ros2ControlPlant(RealPlant):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Doubtful samples, commands of other programs, a silent guard, and a run that is not marked."""
+        """Samples of several stamps, commands of other programs, and warnings of ``RealPlant``."""
         return *self._doubtful, *super().warnings
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """Other programs and a silent guard; ros2_control has no standard topics of temperatures and voltages."""
+        """Commands of other programs and holds of the guard; temperatures and voltages have no standard topics."""
         return *self._others_at(Level.HOLD), *super().holds
 
     @property
@@ -313,7 +313,7 @@ class Ros2ControlPlant(RealPlant):
 
 
 def _order(message: Message) -> tuple[int, bool]:
-    """By stamps, joints after the others."""
+    """Sort key: the stamp, with joint states after the other messages of a stamp."""
     source, data = message
     try:
         return stamp_of(data), source == JOINTS

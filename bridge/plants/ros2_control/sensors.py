@@ -1,7 +1,7 @@
-"""Messages of ros2_control's broadcasters to sensor data in the order and the frames of the robot's profile.
+"""Decodes messages of ros2_control's broadcasters to sensor data in the joint order and frames of the robot's profile.
 
-The layout of each message is taken from the first one: order of the joints, further joints, frame of the sensor. A
-message with another layout is decoded as a whole, once.
+The first message defines the layout: order of the joints, additional joints, frame of the sensor. A message with
+another layout is deserialised completely once and defines the new layout.
 """
 
 from typing import Any
@@ -17,11 +17,11 @@ from models.nodes.messages import Codec, decode, require_finite
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
-FIELDS = ("position", "velocity", "effort")  #: Of a JointState that every joint needs
+FIELDS = ("position", "velocity", "effort")  #: Fields of a JointState that every joint needs
 
 
 class JointStateDecoder:
-    """sensor_msgs/JointState of joint_state_broadcaster: all joints of the robot in any order, and perhaps others."""
+    """sensor_msgs/JointState of joint_state_broadcaster: all joints of the robot in any order; others are ignored."""
 
     def __init__(self, model: RobotModel) -> None:
         self._model = model
@@ -61,9 +61,9 @@ class JointStateDecoder:
 
 
 class ImuDecoder:
-    """sensor_msgs/Imu of imu_sensor_broadcaster, turned from the axes of its frame to those of the frame ``imu``.
+    """sensor_msgs/Imu of imu_sensor_broadcaster, rotated from the axes of its frame to the axes of frame ``imu``.
 
-    The measured point may be ``distance_max`` [m] from that frame.
+    The measured point may be up to ``distance_max`` [m] from that frame.
     """
 
     def __init__(self, model: RobotModel, distance_max: float) -> None:
@@ -72,7 +72,7 @@ class ImuDecoder:
         self._rotation = np.eye(3)
 
     def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
-        """Stamp [ns], angular velocity (3,) [rad/s] and specific force (3,) [m/s^2]; errors are ``MessageError``."""
+        """Stamp [ns], angular velocity (3,) [rad/s] and specific force (3,) [m/s^2]; raises ``MessageError``."""
         if self._codec is None:
             message = decode(data, Imu)
             self._rotation = imu_rotation(self._model, message.header.frame_id, self._distance_max)
@@ -85,10 +85,10 @@ class ImuDecoder:
 
 
 class WrenchDecoder:
-    """geometry_msgs/WrenchStamped of force_torque_sensor_broadcaster, moved from its frame to that of the sole.
+    """geometry_msgs/WrenchStamped of force_torque_sensor_broadcaster, transformed from its frame to the sole frame.
 
-    The sensor must give the force of the ground on the robot; the parameter ``multiplier`` of the broadcaster turns it
-    round. ``foot`` is 0 for left, 1 for right.
+    The sensor must report the force of the ground on the robot; the broadcaster's parameter ``multiplier`` inverts the
+    sign. ``foot`` is 0 for left, 1 for right.
     """
 
     def __init__(self, model: RobotModel, foot: int) -> None:
@@ -97,7 +97,7 @@ class WrenchDecoder:
         self._transform = np.eye(6)
 
     def decode(self, data: bytes) -> tuple[int, Vector]:
-        """Stamp [ns] and ground reaction in the sole frame (6,) [N, N.m]; errors are ``MessageError``."""
+        """Stamp [ns] and ground reaction wrench in the sole frame (6,) [N, N.m]; raises ``MessageError``."""
         if self._codec is None:
             message = decode(data, WrenchStamped)
             self._transform = sole_transform(self._model, self._foot, message.header.frame_id)
@@ -107,7 +107,7 @@ class WrenchDecoder:
 
 
 def imu_rotation(model: RobotModel, frame: str, distance_max: float) -> Matrix:
-    """Rotation (3, 3) from a frame of the URDF to the frame ``imu``; ``MessageError`` if they are apart."""
+    """Rotation (3, 3) from a URDF frame to frame ``imu``; ``MessageError`` if they are farther apart [m]."""
     placement = _placement(model, frame, model.frame_id("imu"), "imu")
     distance = float(np.linalg.norm(placement.translation))
     if distance > distance_max:
@@ -119,13 +119,13 @@ def imu_rotation(model: RobotModel, frame: str, distance_max: float) -> Matrix:
 
 
 def sole_transform(model: RobotModel, foot: int, frame: str) -> Matrix:
-    """Wrench transform (6, 6) from a frame of the URDF to a sole; ``MessageError`` unless one link carries both."""
+    """Wrench transform (6, 6) from a URDF frame to a sole frame; ``MessageError`` unless both are on one link."""
     sole = model.feet[foot].frame_id
     return np.array(_placement(model, frame, sole, model.pin.frames[sole].name).toDualActionMatrix())
 
 
 def _placement(model: RobotModel, frame: str, target: int, name: str) -> pin.SE3:
-    """Placement of a frame in a target frame of the same link."""
+    """Placement of a frame in a target frame on the same link; ``MessageError`` if unknown or on another link."""
     if not model.pin.existFrame(frame):
         raise MessageError(f"header.frame_id: '{frame}' is no frame of robot '{model.name}'")
     given, wanted = model.pin.frames[model.pin.getFrameId(frame)], model.pin.frames[target]

@@ -1,8 +1,8 @@
-"""A simulated robot behind ros2_control, as its documentation describes broadcasters and controllers.
+"""A simulated robot behind ros2_control; broadcasters and controllers follow the documentation of ros2_control.
 
-In each cycle of the controller manager the joint states, the IMU and the feet are published with one stamp, joints in
-alphabetical order. The command controller holds its last command, without a time-out. One command of a wrong size is an
-error of its update, after which the controller manager deactivates it; torques then are zero.
+In each cycle of the controller manager the joint states, IMU and foot wrenches are published with one stamp, joints in
+alphabetical order. The command controller keeps its last command without a timeout. A command of a wrong size makes its
+update fail; the controller manager then deactivates it, and the torques are zero.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,9 +41,9 @@ class ControlledRobot(HangingRobot):
 
     Args:
         robot: Profile of the simulated robot.
-        laws: Profile that the plant has, whose sensors are published.
+        laws: Profile of the plant; its sensors are published.
         settings: Options of the plant.
-        options: Of ``HangingRobot``.
+        options: Options of ``HangingRobot``.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class ControlledRobot(HangingRobot):
         self.stamp_offset = 0  #: Jump of the stamps [ns]
         names = [self.settings.controllers[source] for source in (*self.sources, COMMAND)]
         self.controllers = dict.fromkeys(names, "active")  #: State by name
-        self.moving_joints: Sequence[str] = self.model.joint_names  #: Of linear_feedback_controller, in its order
+        self.moving_joints: Sequence[str] = self.model.joint_names  #: Joints of linear_feedback_controller in its order
         self._controller = make_controller(self.settings, self.model)
         self._order = np.argsort(self.model.joint_names)
         joints = JointState(name=[self.model.joint_names[i] for i in self._order])
@@ -90,7 +90,7 @@ class ControlledRobot(HangingRobot):
         return [(source, found[source]()) for source in self.sources if source not in self.broken]
 
     def receive(self, data: bytes) -> None:
-        """A command; a wrong size deactivates the controller."""
+        """Handle a command; one of a wrong size deactivates the controller."""
         if self.controllers[self.settings.controllers[COMMAND]] != "active":
             return
         if self._controller.accept(data):
@@ -100,7 +100,7 @@ class ControlledRobot(HangingRobot):
         self.deactivate(COMMAND)
 
     def deactivate(self, source: Source) -> None:
-        """The controller manager deactivates the controller of a source; that of commands forgets its last one."""
+        """Deactivate the controller of a source; the command controller drops its last command."""
         self.controllers[self.settings.controllers[source]] = "inactive"
         if source == COMMAND:
             self._controller.reset()
@@ -111,18 +111,18 @@ class ControlledRobot(HangingRobot):
 
 
 class EffortController:
-    """JointGroupEffortController: torques by the order of its parameter ``joints``."""
+    """JointGroupEffortController: torques in the order of its parameter ``joints``."""
 
     def __init__(self, model: RobotModel) -> None:
         self._nj = model.nj
         self.reset()
 
     def reset(self) -> None:
-        """Without torque."""
+        """Set zero torque."""
         self._torque = np.zeros(self._nj)
 
     def accept(self, data: bytes) -> bool:
-        """A message; whether its size is right. One that is not finite is dropped."""
+        """Accept a message; returns whether its size is right. Non-finite messages are dropped."""
         values = np.array(deserialize_message(data, Float64MultiArray).data)
         if np.isfinite(values).all():
             if len(values) != self._nj:
@@ -131,7 +131,7 @@ class EffortController:
         return True
 
     def command(self, sensors: SensorData) -> JointCommand:
-        """What the drives execute."""
+        """Command of the drives."""
         return JointCommand.torque(self._torque)
 
 
@@ -143,11 +143,11 @@ class PvtController:
         self.reset()
 
     def reset(self) -> None:
-        """Without torque and gains."""
+        """Set zero torque and gains."""
         self._rows = np.zeros((len(PVT), len(self._names)))
 
     def accept(self, data: bytes) -> bool:
-        """A message; whether names and values of each group match. Unknown interfaces are left out."""
+        """Accept a message; returns whether names and values of each group match. Unknown interfaces are ignored."""
         message = deserialize_message(data, self._kind)
         for name, group in zip(message.interface_groups, message.interface_values, strict=True):
             if len(group.interface_names) != len(group.values):
@@ -158,7 +158,7 @@ class PvtController:
         return True
 
     def command(self, sensors: SensorData) -> JointCommand:
-        """What the drives execute."""
+        """Command of the drives."""
         return JointCommand(*self._rows.copy())
 
 
@@ -174,11 +174,11 @@ class FeedbackController:
         self.reset()
 
     def reset(self) -> None:
-        """Before the first message."""
+        """Reset to the state before the first message."""
         self._law: tuple[Vector, ...] | None = None
 
     def accept(self, data: bytes) -> bool:
-        """A message; whether the layout of its matrices is right."""
+        """Accept a message; returns whether the layout of its matrices is right."""
         message = deserialize_message(data, self._kind)
         nj, columns = self._model.nj, 2 * (self._model.nj + self._base)
         sizes = [[(d.size, d.stride) for d in each.layout.dim] for each in (message.feedback_gain, message.feedforward)]
@@ -190,7 +190,7 @@ class FeedbackController:
         return True
 
     def command(self, sensors: SensorData) -> JointCommand:
-        """What the drives execute: a torque."""
+        """Command of the drives: a torque, or damping before the first message."""
         if self._law is None:
             zero = np.zeros(self._model.nj)
             return JointCommand(zero, zero, zero, zero, self._model.kd)
@@ -200,14 +200,14 @@ class FeedbackController:
 
 
 def make_controller(config: Ros2ControlConfig, model: RobotModel) -> Any:
-    """The command controller of a configuration."""
+    """Create the command controller of a configuration."""
     if config.command == "effort":
         return EffortController(model)
     return PvtController(model) if config.command == "pvt" else FeedbackController(model, config.free_flyer)
 
 
 class DirectControlLink(StepLink):
-    """A robot in the same process, as ``ControlLink`` of the plant."""
+    """``ControlLink`` to a robot in the same process."""
 
     robot: ControlledRobot
 

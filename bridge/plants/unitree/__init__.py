@@ -1,1 +1,1 @@
-"""Unitree's low-level protocol of humanoids as a plant."""
+"""Plant for Unitree's low-level protocol of humanoids."""

@@ -25,27 +25,27 @@ G1_JOINTS = tuple(
 )  # fmt: skip
 PITCH_ROLL = 0  #: ``mode_pr``: ankles are commanded by pitch and roll
 ENABLED = 1  #: ``mode`` of a drive that executes its command
-#: First reserved word of a LowCmd of the driver, and of its guard; the robot ignores it
+#: First reserved word of a LowCmd of the driver and of its guard; the robot ignores it
 MARK, GUARD_MARK = 0x504F4953, 0x504F4947
-_MARK_AT, _SESSION_AT = -20, -12  #: Bytes of that word and of the session in a serialised LowCmd, from its end
+_MARK_AT, _SESSION_AT = -20, -12  #: Offsets of that word and of the session from the end of a serialised LowCmd [bytes]
 #: Buttons of the remote controller by bit, from byte 2 of ``wireless_remote``
 BUTTONS = ("R1", "L1", "start", "select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left")
-_XYZW = [1, 2, 3, 0]  #: Order of a quaternion wxyz as xyzw
-_BUTTONS_AT = 2  #: Byte of the first eight buttons in ``wireless_remote``
+_XYZW = [1, 2, 3, 0]  #: Indices that reorder a quaternion from wxyz to xyzw
+_BUTTONS_AT = 2  #: Offset of the first eight buttons in ``wireless_remote`` [bytes]
 
 
 @dataclass(frozen=True, slots=True)
 class UnitreeSample(LowSample):
-    """Contents of one LowState; temperatures are those of housing and winding."""
+    """Contents of one LowState; each motor has the temperatures of its housing and its winding."""
 
-    tick: int  #: Of the robot [ms]
+    tick: int  #: Tick of the robot [ms]
     mode_machine: int  #: Type of the robot
-    quaternion: Vector  #: Orientation of the IMU that the robot estimates, xyzw (4,)
-    remote: bytes  #: Of the remote controller
+    quaternion: Vector  #: Orientation of the IMU estimated by the robot, xyzw (4,)
+    remote: bytes  #: State of the remote controller, ``wireless_remote``
 
     @property
     def pressed(self) -> frozenset[str]:
-        """Buttons of the remote controller that are pressed."""
+        """Pressed buttons of the remote controller."""
         word = int.from_bytes(self.remote[_BUTTONS_AT : _BUTTONS_AT + 2], "little")
         return frozenset(name for bit, name in enumerate(BUTTONS) if word >> bit & 1) if word else frozenset()
 
@@ -53,8 +53,8 @@ class UnitreeSample(LowSample):
 class UnitreeCodec:
     """Converts between serialised messages and the records of this project.
 
-    The motors are those of the joints of ``model``, in its order; ``ConfigError`` for a robot with other joints.
-    Values of the feet are nan: the robot does not measure them. A LowCmd carries the ``session`` of its driver.
+    The motors are in the order of the joints of ``model``; ``ConfigError`` for a robot with other joints than the G1.
+    Foot wrenches are NaN, because the robot does not measure them. A LowCmd contains the ``session`` of its driver.
     """
 
     def __init__(self, model: RobotModel, clock: RobotClock, session: int = 0) -> None:
@@ -73,7 +73,7 @@ class UnitreeCodec:
         self._kp, self._kd = model.kp, model.kd
 
     def decode(self, data: bytes) -> UnitreeSample:
-        """Contents of a serialised LowState; ``MessageError`` for a wrong size, checksum, or values not finite."""
+        """Decode a serialised LowState; ``MessageError`` for a wrong size or checksum, or non-finite values."""
         record = LOW_STATE.read(data)
         motors = record["motor_state"][: self._nj]
         measured = [motors[name] for name in ("q", "dq", "tau_est")]
@@ -102,9 +102,9 @@ class UnitreeCodec:
         )
 
     def encode(self, command: JointCommand, mode_machine: int, tick: int = 0, last: bool = False) -> bytes:
-        """Serialised LowCmd of a command; ``mode_machine`` and the newest ``tick`` are those of the robot.
+        """Serialised LowCmd of a command, with the robot's ``mode_machine`` and newest ``tick`` [ms].
 
-        After the ``last`` one the guard no longer damps the robot.
+        A command with ``last`` disarms the guard.
         """
         set_command(self._motors, command, self._kp, self._kd)
         self._record["mode_machine"], self._record["reserve"][1] = mode_machine, tick
@@ -113,20 +113,20 @@ class UnitreeCodec:
 
 
 def set_command(motors: Any, command: JointCommand, kp: Vector, kd: Vector) -> None:
-    """Write a command to its motors in a record of LowCmd, with these gains (nj,) where it has none."""
+    """Write a command to the motors of a LowCmd record, with default gains ``kp`` and ``kd`` (nj,)."""
     motors["q"], motors["dq"], motors["tau"] = command.q, command.v, command.tau
     motors["kp"] = kp if command.kp is None else command.kp
     motors["kd"] = kd if command.kd is None else command.kd
 
 
 def is_foreign(data: bytes, session: int) -> bool:
-    """Whether a serialised LowCmd is of neither driver nor guard with this session; no checksum is checked."""
+    """Whether a serialised LowCmd is neither of the driver nor of the guard of a session; ignores the checksum."""
     mark, other = (int.from_bytes(data[at : at + 4], "little") for at in (_MARK_AT, _SESSION_AT))
     return mark not in (MARK, GUARD_MARK) or other != session
 
 
 def joint_command(record: Any, nj: int) -> JointCommand:
-    """Command of the first ``nj`` of ``MOTORS`` motors in a record of LowCmd; a drive that is not enabled has none."""
+    """Command of the first ``nj`` motors in a LowCmd record; gains and torque of a disabled drive are zero."""
     motors = record["motor_cmd"][: min(nj, MOTORS)]
     on = (motors["mode"] == ENABLED).astype(np.float64)
     return JointCommand(

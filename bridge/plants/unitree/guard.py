@@ -1,4 +1,4 @@
-"""Guard of a Unitree robot, which keeps the last command for ever."""
+"""Guard of a Unitree robot, which keeps the last command without a timeout."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,18 +15,18 @@ from models.types import JointCommand
 
 
 class DampingGuard(SilenceGuard):
-    """Watches the LowCmds of the driver, with ``MARK`` and its session, and makes damping ones while there are none.
+    """Watches the LowCmds of the driver (``MARK`` and its session) and replaces missing ones by damping commands.
 
-    The driver's first command is what releases the robot's own controller. The driver's ``last`` command, for the
-    robot's own controller that has become active, disarms the guard.
+    The driver sends its first command after the release of the vendor's controller. Its command with ``last``, at its
+    end or when the vendor's controller becomes active again, disarms the guard.
     """
 
     def __init__(self, model: RobotModel) -> None:
         super().__init__(model)
-        self._record: Any = None  # of the driver's last command, and of those of the guard
+        self._record: Any = None  # record of the newest command of driver or guard
 
     def receive(self, data: bytes, now: float) -> None:
-        """A LowCmd from the network at a time [s]."""
+        """Handle a LowCmd received at a time [s]."""
         try:
             record = LOW_CMD.read(data)
         except MessageError:
@@ -51,5 +51,5 @@ class DampingGuard(SilenceGuard):
 
 
 def connect(model: RobotModel, domain: int, options: Mapping[str, Any]) -> tuple[DampingGuard, CommandLink]:
-    """The guard of a robot in a DDS domain and its connection, with the options of the plant."""
+    """Create the guard of a robot in a DDS domain and its connection; ``options`` are those of the plant."""
     return DampingGuard(model), CommandLink(domain, "unitree_hg", COMMAND)

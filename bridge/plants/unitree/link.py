@@ -1,7 +1,7 @@
-"""Connection to a Unitree robot: a separate participant in the robot's DDS domain, polled, without an executor.
+"""Connection to a Unitree robot: a separate participant in the robot's DDS domain, polled without an executor.
 
-Unitree's services are two topics each: a request and a response with the same id. ``motion_switcher`` names the active
-controller of the robot (``CHECK``), ends it (``RELEASE``), and names the version of its functions (``VERSION``).
+A service of Unitree consists of two topics: a request and a response with the same id. ``motion_switcher`` reports the
+active controller of the robot (``CHECK``), ends it (``RELEASE``), and reports the version of its API (``VERSION``).
 """
 
 import json
@@ -14,14 +14,14 @@ from models.errors import MessageError
 
 VERSION, CHECK, RELEASE = 1, 1001, 1003  #: Functions of the motion switcher
 COMMAND = "lowcmd"  #: Topic of the commands
-SWITCHER = "api/motion_switcher"  #: Its topics are ``request`` and ``response`` below this name
+SWITCHER = "api/motion_switcher"  #: Prefix of its topics ``request`` and ``response``
 
 
 class RobotLink(LowLink, Protocol):
-    """Messages of one robot: serialised LowStates."""
+    """Connection to one robot; its messages are serialised LowStates."""
 
     def version(self) -> str:
-        """Version of the motion switcher, empty while unknown; it is received by ``vendor``."""
+        """Version of the motion switcher; empty while unknown. Calls of ``vendor`` receive it."""
 
 
 TOPICS = Topics(
@@ -36,7 +36,7 @@ class DdsLink(ServiceLink, RobotLink):
     def __init__(self, domain: int) -> None:
         super().__init__(domain, "poise_unitree", TOPICS)
         self._id = time.monotonic_ns()
-        self._check = self._ask_version = 0  # id of the last Check, and of the last request for the version
+        self._check = self._ask_version = 0  # ids of the last requests Check and Version
         self._version = ""
 
     def version(self) -> str:
@@ -67,7 +67,7 @@ class DdsLink(ServiceLink, RobotLink):
 
 
 def _name_of(response: Any) -> str:
-    """Name in a response to Check; ``MessageError`` for one that has none."""
+    """Name of the controller in a response to Check; ``MessageError`` for an error status or invalid JSON."""
     if response.header.status.code:
         raise MessageError(f"{SWITCHER}: error {response.header.status.code}")
     try:

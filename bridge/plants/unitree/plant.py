@@ -1,4 +1,4 @@
-"""A Unitree humanoid by its low-level protocol: the robot as the driver program sees it."""
+"""Plant of a Unitree humanoid with its low-level protocol."""
 
 from collections.abc import Mapping
 
@@ -22,12 +22,12 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
 
     Args:
         model: The robot, with a section ``hardware`` in its profile.
-        network_interface: Of this computer, to the robot; only named in messages, see ``bridge/launch/hardware.py``.
+        network_interface: This computer's interface to the robot; only for messages, see ``bridge/launch/hardware.py``.
         domain: DDS domain of the robot.
         rate: Rate of the robot's states and of the commands [Hz]: 500 or 1000.
-        marker: File that marks an unfinished run; that of the interface when empty.
-        remote: Whether the robot has a remote controller; only a stand-in for a robot has none.
-        link: Connection to the robot; one over DDS when None.
+        marker: File that marks an unfinished run; empty for the default of interface and domain.
+        remote: Whether the robot has a remote controller; False only for a simulated robot.
+        link: Connection to the robot; over DDS when None.
 
     Raises:
         ConfigError: A robot with other joints, with foot sensors or without ``hardware``, or another rate.
@@ -58,7 +58,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
             raise ConfigError(f"robot '{model.name}' needs hardware.mode_machine and hardware.voltage in its profile")
         self._remote = remote
         self.tried = not remote  #: Whether a stop button has been pressed
-        self._released = not remote  # whether it has been let go since
+        self._released = not remote  # whether it has been released since
         self._unchanged = np.inf  # time since the last change of the remote controller [s]
         self._link = DdsLink(domain) if link is None else link
 
@@ -89,7 +89,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         return ""
 
     def _encode_command(self, command: JointCommand, *, last: bool = False) -> bytes:
-        """LowCmd of a command; the type of the robot is echoed."""
+        """LowCmd of a command, with ``mode_machine`` and tick of the newest state."""
         sample = self._sample
         mode_machine, tick = (0, 0) if sample is None else (sample.mode_machine, sample.tick)
         return self._codec.encode(command, mode_machine, tick, last)
@@ -124,7 +124,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """As ``LowLevelPlant``, and a remote controller that does not change: it may be out of range."""
+        """As ``LowLevelPlant``, and a warning for an unchanged remote controller, which may be out of range."""
         limit = real_robot().remote_unchanged
         quiet = self._remote and self.tried and self._unchanged > limit
         own = (f"remote controller unchanged for more than {limit:g} s: see that it is on and in range",)

@@ -1,7 +1,7 @@
-"""A simulated G1 behind the low-level protocol: its vendor's controller, motors and remote controller; no ROS, no DDS.
+"""A simulated G1 behind the low-level protocol: vendor's controller, motors and remote controller; no ROS, no DDS.
 
-Until it is released, its vendor's controller damps the joints; after that the drives execute the last LowCmd for ever,
-as the real ones are assumed to do, and have no torque before the first.
+The vendor's controller damps the joints until it is released. After that the drives execute the last LowCmd without a
+timeout, as is assumed of the real ones, and have no torque before the first LowCmd.
 """
 
 from typing import Any
@@ -16,17 +16,17 @@ from models.types import JointCommand
 
 
 class GantryRobot(HangingRobot):
-    """The robot's side.
+    """The robot's side of the protocol.
 
     Args:
         robot: Profile of the simulated robot.
-        released: Whether the vendor's controller is off from the start.
-        options: Of ``HangingRobot``.
+        released: Whether the vendor's controller is inactive at the start.
+        options: Options of ``HangingRobot``.
     """
 
     def __init__(self, robot: str = "g1", *, released: bool = False, **options: Any) -> None:
         super().__init__(robot, **options)
-        self.clock_offset = 0  #: Of the reported tick from ``tick`` [ms]
+        self.clock_offset = 0  #: Reported tick minus ``tick`` [ms]
         self.vendor = "" if released else "ai"
         self.mode_machine = 5
         self.switcher_version = "1.0.0.1"
@@ -38,12 +38,12 @@ class GantryRobot(HangingRobot):
         self._record = LOW_STATE.new()
 
     def press(self, *buttons: int) -> None:
-        """Press the buttons of the remote controller with these bits, and no other."""
+        """Press exactly the buttons of the remote controller with these bits."""
         word = sum(1 << bit for bit in buttons)
         self.remote[2:4] = word.to_bytes(2, "little")
 
     def receive(self, data: bytes) -> None:
-        """A LowCmd from the network; ignored with a wrong checksum or type."""
+        """Handle a LowCmd; one with a wrong size, checksum or ``mode_machine`` is refused."""
         try:
             record = LOW_CMD.read(data)
         except MessageError:
@@ -61,7 +61,7 @@ class GantryRobot(HangingRobot):
         return [self.state()]
 
     def state(self) -> bytes:
-        """The present LowState, serialised."""
+        """Serialised LowState of the present state."""
         sensors, record = self.read(), self._record
         motors = record["motor_state"][: self.model.nj]
         motors["mode"] = 1
@@ -76,7 +76,7 @@ class GantryRobot(HangingRobot):
 
 
 class DirectLink(StepLink):
-    """A robot in the same process, as ``RobotLink`` of the plant."""
+    """``RobotLink`` to a robot in the same process."""
 
     robot: GantryRobot
 

@@ -1,11 +1,11 @@
-"""Bytes of ``unitree_hg``'s LowState and LowCmd: XCDR1 on the wire, the C structure under the checksum.
+"""Bytes of ``unitree_hg``'s LowState and LowCmd: XCDR1 on the wire, the C structure for the checksum.
 
 A message is a NumPy record of the C structure, without an object for each of its 35 motors. XCDR1 aligns each member to
-its size only, the C structure each structure to 4 bytes: they differ before the first motor and in padding.
+its size; the C structure aligns each nested structure to 4 bytes. They differ before the first motor and in padding.
 
-The checksum is CRC-32/MPEG-2 over the little-endian words of the C structure, most significant bit first, without the
-last word, which holds it. It is computed with ``zlib``, whose CRC-32 has the same polynomial on reflected bits:
-crc(words) = reflect(~zlib.crc32(reflect(words))).
+The checksum is CRC-32/MPEG-2 over the little-endian words of the C structure, most significant bit first, except the
+last word, which contains the checksum. It is computed with ``zlib``, whose CRC-32 has the same polynomial on reflected
+bits: crc(words) = reflect(~zlib.crc32(reflect(words))).
 """
 
 import zlib
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from models.errors import MessageError
 
-MOTORS = 35  #: Motors of a message, whatever the robot has
-REMOTE_SIZE = 40  #: Bytes of the remote controller in LowState
+MOTORS = 35  #: Motors in a message, independent of the robot
+REMOTE_SIZE = 40  #: Size of ``wireless_remote`` in LowState [bytes]
 ENCAPSULATION = b"\x00\x01\x00\x00"  #: Header of a serialised message: XCDR1, little-endian
 
-#: Members of a LowState after the mode of the first motor, from which on both layouts are the same
+#: Members of a motor's state after ``mode``; from here in the first motor both layouts are the same
 _MOTOR_STATE: list[tuple[Any, ...]] = [
     ("q", "<f4"), ("dq", "<f4"), ("ddq", "<f4"), ("tau_est", "<f4"), ("temperature", "<i2", 2), ("vol", "<f4"),
     ("sensor", "<u4", 2), ("motorstate", "<u4"), ("reserve", "<u4", 4),
@@ -43,22 +43,22 @@ _LOW_STATE = np.dtype([
     ("motor_state", _MOTOR_STATE_C, MOTORS),
     ("wireless_remote", "u1", REMOTE_SIZE), ("reserve", "<u4", 4), ("crc", "<u4"),
 ])  # fmt: skip
-_REFLECTED = np.array([int(f"{byte:08b}"[::-1], 2) for byte in range(256)], dtype=np.uint8)  #: Bits of a byte reversed
+_REFLECTED = np.array([int(f"{byte:08b}"[::-1], 2) for byte in range(256)], dtype=np.uint8)  #: Bits reversed
 
 
 def checksum(structure: bytes | NDArray[np.uint8]) -> int:
-    """CRC-32/MPEG-2 of a C structure (size,) over its words, without the last one, which holds it."""
+    """CRC-32/MPEG-2 over the words of a C structure (size,), except the last one, which contains the checksum."""
     data = np.frombuffer(structure, dtype=np.uint8)[:-4]
     words = _REFLECTED[data.reshape(-1, 4)[:, ::-1]]  # most significant byte first
     return int(f"{~zlib.crc32(words.tobytes()) & 0xFFFFFFFF:032b}"[::-1], 2)
 
 
 class Layout:
-    """One of the messages, as a record of the C structure (``dtype``) and serialised, ``size`` bytes.
+    """Layout of a message: record of the C structure (``dtype``), and serialised message of ``size`` bytes.
 
-    On the wire the ``mode`` of the first motor is followed by one byte of padding; in the C structure it lies 2 bytes
-    later, with 3 bytes of padding. All after it is the same in both. ``pads`` are the other bytes of padding in the C
-    structure.
+    On the wire one byte of padding follows the ``mode`` of the first motor. In the C structure this ``mode`` is 2 bytes
+    later and is followed by 3 bytes of padding. The rest is the same in both. ``pads`` are the offsets of the other
+    padding bytes in the C structure.
     """
 
     def __init__(self, name: str, dtype: np.dtype[Any], motors: str, pads: list[int]) -> None:
@@ -74,7 +74,7 @@ class Layout:
         return np.zeros(1, dtype=self.dtype)[0]
 
     def read(self, data: bytes) -> Any:
-        """Record of a serialised message, padding zero; ``MessageError`` for a wrong size or checksum."""
+        """Record of a serialised message, with zero padding; ``MessageError`` for a wrong size or checksum."""
         if len(data) != self.size or data[:2] != ENCAPSULATION[:2]:
             raise MessageError(
                 f"{self._name}: {len(data)} bytes, {self.size} in little-endian XCDR1 expected: no robot of unitree_hg?"
@@ -91,7 +91,7 @@ class Layout:
         return structure.view(self.dtype)[0]
 
     def write(self, record: Any) -> bytes:
-        """The serialised message of a record, with its checksum."""
+        """Serialised message of a record, with its checksum."""
         structure = np.frombuffer(bytearray(record.tobytes()), dtype=np.uint8)
         structure[self._pads] = 0
         crc = checksum(structure).to_bytes(4, "little")
