@@ -1,4 +1,4 @@
-"""The drivers and laws of a real robot against a simulated one in one process, in lockstep: no ROS, no clock."""
+"""Drivers and control laws of a real robot with a simulated robot in one process, in lockstep; no ROS, no clock."""
 
 from collections.abc import Callable
 from enum import Enum
@@ -36,7 +36,7 @@ from models.types import Mode, SensorData
 
 
 class Process(Enum):
-    """Processes of the graph of a real robot that take part in its control."""
+    """Processes of a real robot's graph that take part in its control."""
 
     DRIVER = "driver"
     CONTROL = "control"
@@ -50,19 +50,19 @@ GuardT = TypeVar("GuardT", bound=SilenceGuard)
 
 
 class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
-    """One tick is: state, estimate, command, drivers, robot; states and commands are the protocol's bytes.
+    """Closed loop. A tick is: state, estimate, command, drivers, robot; messages are the bytes of the protocol.
 
-    Deterministic: the same arguments and calls give the same run. ``start`` does what the person at the gantry does.
-    The processes of the real graph are modelled at their boundary: ``running`` is the set of those that are not killed
-    or stopped. A guard watches the commands of the driver, as beside a real robot.
+    Deterministic: the same arguments and calls give the same run. ``start`` performs the steps of the operator at the
+    gantry. The processes of the real graph are modelled at their interfaces; ``running`` is the set of processes that
+    are not killed or stopped. A guard watches the commands of the driver, as for a real robot.
 
     Args:
         marker: File that marks an unfinished run.
-        robot: The robot of the laws.
+        robot: The robot of the control laws.
         side: The simulated robot.
-        link: From the plant to ``side``.
-        make_plant: Makes the plant of a driver.
-        make_guard: Makes its guard process.
+        link: Connection from the plant to ``side``.
+        make_plant: Creates the plant of a driver.
+        make_guard: Creates the guard process.
         record_period: Time between two rows of ``log`` [s]; no log when None.
     """
 
@@ -76,8 +76,8 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         make_guard: Callable[[], GuardT],
         record_period: float | None = None,
     ) -> None:
-        self.robot = robot  #: The robot of the laws
-        self.side = side  #: The simulated robot; no law may read it
+        self.robot = robot  #: The robot of the control laws
+        self.side = side  #: The simulated robot; control laws must not read it
         self.marker = marker
         self.link, self._make_plant, self._make_guard = link, make_plant, make_guard
         self.restart_driver()
@@ -91,11 +91,11 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self._record_ticks = 0 if record_period is None else max(round(record_period / STEP), 1)
         self._first: list[SensorData] = []
         self._estimating = False
-        self._mode = Mode.OFF  # that the drivers have
+        self._mode = Mode.OFF  # mode of the drivers
         self._t = 0.0
 
     def restart_driver(self) -> None:
-        """Replace the driver by a new process; the last one is left without ``close``, as if it was killed."""
+        """Replace the driver by a new process, without ``close`` of the old one, as if it was killed."""
         self.plant = self._make_plant()
         self.drivers = HardwareDrivers(self.plant, self.robot)
 
@@ -120,9 +120,9 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
 
     @property
     def failure(self) -> str:
-        """Why the robot does not stand by itself: a fall, by the true state, a damped start, faults; empty if it does.
+        """Why a robot off the rope does not stand by itself; empty if it does.
 
-        For a robot that is off the rope.
+        Reasons are a fall by the true state, faults, or a state of the start other than ``stand``.
         """
         reasons = [self.monitor.reason, *self.stack.supervisor.faults]
         if self.startup.state is not StartState.STAND:
@@ -143,7 +143,7 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
             self.history.append(str(self.startup.state))
 
     def _drive(self) -> None:
-        """The driver's tick, with that of the laws between its two halves."""
+        """The driver's tick, with the control laws between ``read`` and ``act``."""
         sensors = self.drivers.read()
         if sensors.t > self._t and Process.CONTROL in self.running:
             if self.startup.armable:
@@ -155,7 +155,7 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self.drivers.act()
 
     def _hear(self, message: Any) -> None:
-        """The guard receives a message on the cable."""
+        """Pass a message of the link to the guard."""
         if Process.GUARD in self.running:
             self.guard.receive(message, self.t)
 
@@ -173,14 +173,14 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
             self.step()
 
     def command(self, text: str) -> None:
-        """Give a text command that must be accepted; ``PoiseError`` names command and reason of a refusal."""
+        """Send a text command that must be accepted; ``PoiseError`` names command and reason of a refusal."""
         reply = self.stack.command(text)
         self._note(f"{text}: {reply.reason}")
         if not reply.accepted:
             raise PoiseError(f"{text} refused: {reply.reason}")
 
     def until(self, condition: Callable[[], bool], limit: float) -> None:
-        """Run until a condition holds; ``PoiseError`` after a time [s]."""
+        """Run until a condition is true; ``PoiseError`` after a time [s]."""
         for _ in range(round(limit / self.plant.period)):
             if condition():
                 return
@@ -195,7 +195,7 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
         self.until(lambda: self.startup.state is state, limit)
 
     def start(self, to: StartState = StartState.STAND) -> None:
-        """From hanging to a state of the start, or to standing still; the rope stays tied, and slack."""
+        """Run from hanging to a state of the start, by default to standing still; the rope stays tied and slack."""
         states = list(StartState)
         for state in states[states.index(StartState.GANTRY) : states.index(to) + 1]:
             self.reach(state)
@@ -210,7 +210,7 @@ class PlantLoop(Generic[SideT, LinkT, PlantT, GuardT]):
             self.until(lambda: not self.startup.fading and self.stack.gait.settled, self.side.config.settle_limit)
 
     def unhook(self) -> None:
-        """Untie the rope; from now on a fall is one."""
+        """Untie the rope; falls are detected from now on."""
         self.side.hooked = False
         self.monitor.reset()
 
@@ -252,12 +252,12 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
 
     Args:
         marker: File that marks an unfinished run.
-        laws: Profile of the laws and drivers, by name or path.
+        laws: Profile of the control laws and drivers, by name or path.
         rate: Rate of states and commands [Hz].
-        seed: Of the sensor noise, and of random deviations.
-        delay: From a state to its command in force [ms].
+        seed: Seed of the sensor noise and of random deviations.
+        delay: Delay from a state to the effect of its command [ms].
         record_period: Time between two rows of ``log`` [s]; no log when None.
-        options: Of ``GantryRobot``.
+        options: Options of ``GantryRobot``.
     """
 
     def __init__(
@@ -273,16 +273,16 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
     ) -> None:
         side = GantryRobot(rate=rate, seed=seed, **options)
         link, robot = DirectLink(side, delay), RobotModel.load(laws)
-        self.tries_stop_button = True  #: Whether somebody has the remote controller in hand
+        self.tries_stop_button = True  #: Whether an operator tests the stop button on request
         if (hardware := robot.profile.hardware) is not None and hardware.mode_machine is not None:
             self._stop_button = BUTTONS.index(hardware.stop_buttons[0])
-            side.mode_machine = hardware.mode_machine  # it is a robot of the type that the laws are for
+            side.mode_machine = hardware.mode_machine  # the type of robot of the control laws
         make_plant = partial(UnitreePlant, robot, rate=rate, marker=str(marker), link=link)
         super().__init__(marker, robot, side, link, make_plant, partial(DampingGuard, robot), record_period)
         link.receivers.append(self._hear)
 
     def step(self) -> None:
-        """One tick; the person with the remote controller tries its stop button when the start asks for it."""
+        """One tick; the stop button of the remote controller is tested when the start requests it."""
         asked = self.tries_stop_button and not self.plant.tried and "press it" in self.startup.waits_for
         if asked:
             self.side.press(self._stop_button)
@@ -296,10 +296,10 @@ class Ros2ControlLoop(PlantLoop[ControlledRobot, DirectControlLink, Ros2ControlP
 
     Args:
         marker: File that marks an unfinished run.
-        laws: Robot of the laws and drivers.
+        laws: Profile of the control laws and drivers.
         robot: Profile of the simulated robot.
-        seed: Of the sensor noise.
-        delay: From a state to its command in force [ms].
+        seed: Seed of the sensor noise.
+        delay: Delay from a state to the effect of its command [ms].
         settings: Options of the plant, as in ``bridge/config/ros2_control.yaml``.
     """
 

@@ -1,4 +1,4 @@
-"""Plant and joint servo in step: modes and commands in, commands of the drives out; no ROS."""
+"""Joint drivers: modes and commands in, commands of the plant's drives out; no ROS."""
 
 import numpy as np
 import pinocchio as pin
@@ -23,13 +23,13 @@ from models.types import JointCommand, JointTrajectory, Mode, SensorData, Vector
 class Drivers:
     """The joint drivers of any plant. A tick is ``read``, then ``act``.
 
-    The drives are without torque until a mode with motion arms them. They damp when the plant has had no new sample for
+    The drives have no torque until a mode with motion arms them. They damp when the plant has had no new sample for
     ``sensor_timeout`` of ``controllers/config/motor_driver.yaml``.
 
-    ``keep_gains`` is that of ``JointServo``: a robot keeps its last command when its cable is cut.
-    ``encoder_offsets`` (nj,) [rad], optional, are changed at the start only: when a reading jumps, the drives move the
-    joint. ``stale`` is the time since the last new sample [s]; ``interruptions`` counts how often the commands stopped
-    while the robot was held.
+    ``keep_gains`` is an option of ``JointServo``, because a robot keeps its last command when its cable is cut.
+    ``encoder_offsets`` (nj,) [rad], optional, may only change at the start, because the drives move a joint when its
+    reading jumps. ``stale`` is the time since the last new sample [s]; ``interruptions`` counts how often the commands
+    stopped while the robot was held.
     """
 
     def __init__(self, plant: Plant, model: RobotModel, *, keep_gains: bool = True) -> None:
@@ -39,7 +39,7 @@ class Drivers:
         self.interruptions = 0
         self._stale_max = default_config(MotorDriverConfig, "controllers", "motor_driver").sensor_timeout
         self._mode = Mode.OFF
-        self._sample: SensorData | None = None  # of this tick
+        self._sample: SensorData | None = None  # sample of this tick
         self._t = -1.0
 
     @property
@@ -58,7 +58,7 @@ class Drivers:
         return self._mode in ACTIVE_MODES and self.servo.state is ServoState.ACTIVE
 
     def read(self) -> SensorData:
-        """The sample of this tick with corrected encoders."""
+        """Sample of this tick, with corrected encoder positions."""
         if self._sample is None:
             self._sample = correct_encoders(self.plant.read(), self.encoder_offsets)
             self.stale = 0.0 if self._sample.t > self._t else self.stale + self.plant.period
@@ -66,7 +66,7 @@ class Drivers:
         return self._sample
 
     def act(self) -> None:
-        """Last part of a tick: the drives track the newest command."""
+        """Last part of a tick: send the newest command to the drives."""
         sensors = self.read()
         if self.stale > self._stale_max and self.servo.state is ServoState.ACTIVE:
             self.servo.damp()
@@ -75,20 +75,20 @@ class Drivers:
         self._sample = None
 
     def set_mode(self, mode: Mode) -> None:
-        """Apply the supervisor's mode; ``CommandError`` for off while the drivers are active: the robot would drop."""
+        """Apply the supervisor's mode; ``CommandError`` for off while the drivers are active (the robot would fall)."""
         follow_mode(self.servo, self._mode, mode)
         self._mode = mode
 
     def command(self, command: JointCommand | JointTrajectory) -> bool:
-        """Pass a setpoint or trajectory to the drivers in a mode with motion; whether it is in force."""
+        """Pass a setpoint or trajectory to the drivers; returns whether they accept it, only in a mode with motion."""
         return self.awaits_command and self.servo.command(command, self.t)
 
 
 class HardwareDrivers(Drivers):
-    """The drivers of a real robot, which starts as ``Startup`` says and is damped by its monitors and its remote.
+    """The drivers of a real robot, with the start sequence of ``Startup``; monitors and remote controller can damp it.
 
-    While the start holds the robot, the command of the joint servo is replaced. A fault of the servo or the mode damp
-    ends the start in damping.
+    While the start sequence holds the robot, its command replaces the command of the joint servo. A fault of the servo,
+    or the mode damp, ends the start in damping.
     """
 
     def __init__(self, plant: HardwarePlant, model: RobotModel) -> None:
@@ -98,11 +98,11 @@ class HardwareDrivers(Drivers):
         self._load = FootLoad(model)
         self._model, self._data, self._neutral = model, model.data(), pin.neutral(model.pin)
         self._standing_height = self._height(model.posture("stand"))
-        self._q = np.full(model.nj, np.nan)  # of the last tick (nj,)
+        self._q = np.full(model.nj, np.nan)  # joint positions of the last tick (nj,) [rad]
 
     @property
     def state(self) -> str:
-        """``hanging`` until it stands by itself, ``held`` until its gains have faded, ``relaxing``, or the servo's."""
+        """``hanging``, ``held`` until the stiff hold has faded, ``relaxing``, ``damped``, or the servo's state."""
         startup = self.startup
         if startup.supported:
             return topics.HANGING
@@ -117,7 +117,7 @@ class HardwareDrivers(Drivers):
         return self.startup.armable and super().awaits_command
 
     def set_mode(self, mode: Mode) -> None:
-        """As ``Drivers``; ``CommandError`` for motion before the robot stands on its feet."""
+        """As ``Drivers``; ``CommandError`` also for a mode with motion before the robot stands on its feet."""
         startup = self.startup
         if mode in ACTIVE_MODES and not startup.armable:
             raise CommandError(
@@ -128,7 +128,7 @@ class HardwareDrivers(Drivers):
             startup.damp("mode damp was requested; faults of poise status say whether by the supervisor")
 
     def relax(self) -> str:
-        """Let a robot sink that has stopped in a low posture; ``CommandError`` for any other."""
+        """Let a robot sink that stands still in a low posture; ``CommandError`` in any other state."""
         startup = self.startup
         if startup.state is StartState.STAND:
             height, limit = self._height(self._q) / self._standing_height, startup.config.relax_height
@@ -142,7 +142,7 @@ class HardwareDrivers(Drivers):
         return startup.relax()
 
     def _height(self, q: Vector) -> float:
-        """Distance of the base from the middle of the soles [m] at joint positions (nj,)."""
+        """Distance of the base from the midpoint of the soles [m] at joint positions (nj,) [rad]."""
         model = self._model
         self._neutral[7:] = q
         pin.framesForwardKinematics(model.pin, self._data, self._neutral)
@@ -150,7 +150,7 @@ class HardwareDrivers(Drivers):
         return float(np.linalg.norm(np.mean(soles, axis=0)))
 
     def act(self) -> None:
-        """As ``Drivers``; nothing is written before the vendor's controller is released."""
+        """As ``Drivers``, but sends no commands before the vendor's controller is released."""
         sensors, startup, servo = self.read(), self.startup, self.servo
         self._q = sensors.q
         stop = self.plant.stop
@@ -159,7 +159,7 @@ class HardwareDrivers(Drivers):
         vendor = self.plant.vendor
         if startup.commands and vendor:
             stop = stop or f"{self.plant.own_controller} '{vendor}' is active again"
-        if startup.state not in (StartState.STAND, StartState.RELAX):  # which the supervisor checks, at its own cost
+        if startup.state not in (StartState.STAND, StartState.RELAX):  # in these the supervisor checks the load
             self._load.update(sensors)
         command = servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
         if startup.state is StartState.STAND and servo.state is ServoState.DAMPED:
@@ -186,9 +186,9 @@ class HardwareDrivers(Drivers):
 class SimulatedDrivers(Drivers):
     """The drivers of a simulated robot, which is held at the start until its feet bear its weight.
 
-    Held, the drivers compensate gravity. When the mode allows motion and commands arrive, they execute these; when both
-    feet bear the weight, the base is released. If the commands stop before that, the drivers compensate gravity again
-    and the next command starts over. No command moves a hanging robot. ``config`` has times and tolerances of the
+    While the robot is held, the drivers compensate gravity. In a mode with motion they execute commands; when both feet
+    bear the weight, the base is released. If the commands stop before that, the drivers compensate gravity again and
+    the next command restarts the transfer. No command moves a hanging robot. ``config`` has times and tolerances of the
     start.
     """
 
@@ -217,18 +217,18 @@ class SimulatedDrivers(Drivers):
 
     @property
     def state(self) -> str:
-        """``held``, ``hanging``, or the state of the servo."""
+        """``held``, ``hanging``, or the servo's state."""
         if not self.plant.held:
             return super().state
         return topics.HANGING if self._hanging else topics.HELD
 
     @property
     def movable(self) -> bool:
-        """Whether the crane may lift the robot: held with no mode, hanging, or off."""
+        """Whether the crane may lift or lower the robot: in mode off while held, or with the servo off."""
         return self._mode is Mode.OFF and (self.plant.held or self.servo.state is ServoState.OFF)
 
     def set_mode(self, mode: Mode) -> None:
-        """As ``Drivers``, but a held robot stays held; ``CommandError`` also for motion while it hangs."""
+        """As ``Drivers``, but a held robot stays held; ``CommandError`` also for a mode with motion while it hangs."""
         if self._hanging and mode in ACTIVE_MODES:
             raise CommandError(f"mode '{mode.value}' refused: the robot hangs in the air")
         if not self.plant.held:
@@ -241,7 +241,7 @@ class SimulatedDrivers(Drivers):
             self.servo.blend()
 
     def command(self, command: JointCommand | JointTrajectory) -> bool:
-        """As ``Drivers``; the first command of a held robot begins the transfer of its weight to the feet."""
+        """As ``Drivers``; the first command begins the transfer of a held robot's weight to its feet."""
         held = self.plant.held
         if held and self.awaits_command and not self._commanded:
             self.servo.blend()
@@ -252,7 +252,7 @@ class SimulatedDrivers(Drivers):
         return accepted
 
     def settle(self) -> SensorData:
-        """Let a robot at its start come to rest, without commands; returns the mean of the last samples."""
+        """Let a held robot come to rest without commands; returns the mean of the last samples."""
         period, samples = self.plant.period, []
         count, averaged = round(self._config.hang_time / period), round(self._config.average_time / period)
         for tick in range(count):
@@ -262,16 +262,16 @@ class SimulatedDrivers(Drivers):
         return mean_sample(samples)
 
     def step(self) -> None:
-        """One tick: drivers, physics, and the hold."""
+        """One tick: drivers, physics and release."""
         self.act()
         self.plant.step()
         self.after_physics()
 
     def act(self) -> None:
-        """As ``Drivers``; the joints of a held robot without commands are gravity-compensated."""
+        """As ``Drivers``; gravity compensation for a held robot without commands."""
         if self.plant.held:
             if self._commanded and self.servo.overdue(self.t):
-                # the commands stopped before the release: compensate gravity, and do not latch damping
+                # the commands stopped before the release: compensate gravity instead of latched damping
                 self.interruptions += 1
                 self._commanded, self._gate = False, None
                 self.servo.blend()
@@ -280,7 +280,7 @@ class SimulatedDrivers(Drivers):
         super().act()
 
     def after_physics(self) -> None:
-        """The end of a tick: release the base once the feet bear the weight."""
+        """End of a tick: release the base once the feet bear the weight."""
         if self._gate is not None and self._gate.update(self.plant.load, self.plant.period):
             self.plant.release()
             self._gate = None

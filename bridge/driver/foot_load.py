@@ -1,4 +1,4 @@
-"""Load on the feet of a robot at rest, from its joint torques and gravity; its mass and CoM from that load."""
+"""Load on the feet of a robot at rest from joint torques and gravity; identification of mass and CoM from that load."""
 
 from pathlib import Path
 
@@ -13,17 +13,17 @@ from models.profile import Payload
 from models.robot_model import RobotModel
 from models.types import SensorData, Vector
 
-AT_REST = 0.05  #: Mean speed of the fastest joint of a robot that stands still [rad/s]
-TORQUE_ERROR = 0.5  #: Of a joint at rest: dry friction, and a sensor that is off [N.m]
-PLAUSIBLE = 0.3  #: Deviation of the load from the model's weight that may be a payload [-]
+AT_REST = 0.05  #: Bound of the fastest joint's mean speed for a robot that stands still [rad/s]
+TORQUE_ERROR = 0.5  #: Torque error of a joint at rest: dry friction and sensor offset [N.m]
+PLAUSIBLE = 0.3  #: Largest relative deviation of the load from the model's weight that may be a payload [-]
 
 
 class FootLoad:
-    """Force on each foot: J' f = g(q) - tau over the joints of its leg, for a leg of six joints at rest.
+    """Force on each foot: J' f = g(q) - tau over the joints of its leg, for legs of six joints at rest.
 
-    Roll and pitch of the base follow from the accelerometer. Forward and left are those of the base. A leg that is
-    nearly straight bears a force along it almost without torques: then a small error of a torque is a large one of the
-    load, which ``error`` says.
+    Roll and pitch of the base are computed from the accelerometer. Forward and left are directions of the base. A
+    nearly straight leg bears a force along the leg almost without torques, so that a small torque error causes a large
+    error of the load; ``error`` estimates it.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -31,13 +31,13 @@ class FootLoad:
         self._weight = GRAVITY * model.mass
         self._q = np.zeros(model.nq)
         imu = model.pin.frames[model.frame_id("imu")]
-        self._imu_rotation = imu.placement.rotation.copy()  # of the IMU in the base, where it sits on the base
+        self._imu_rotation = imu.placement.rotation.copy()  # of the IMU in the base, if it is on the base
         if imu.parentJoint != 1:
             self._imu_rotation = np.eye(3)
-        self.load = 0.0  #: Sum over both feet as a share of the weight [-]
-        self.error = 0.0  #: Of ``load``, for errors ``TORQUE_ERROR`` of all joints of a leg at once [-]
-        self.tilt = 0.0  #: Of the base from upright [rad]
-        #: Of the robot at rest, from the CoM of the model to the CoP, forward and left [m]
+        self.load = 0.0  #: Vertical force on both feet relative to the weight [-]
+        self.error = 0.0  #: Error of ``load`` for independent errors ``TORQUE_ERROR`` of all leg joints [-]
+        self.tilt = 0.0  #: Tilt of the base from upright [rad]
+        #: Offset from the model's CoM to the CoP of the robot at rest, forward and left [m]
         self.com_offset = np.zeros(2)
 
     def update(self, sensors: SensorData) -> None:
@@ -69,9 +69,9 @@ class FootLoad:
             self.com_offset = moment / force - com[:2]
 
     def _wrench(self, frame: int, leg: list[int], gravity: Vector, sensors: SensorData) -> tuple[Vector, float]:
-        """Wrench of the ground on a foot at the sole's origin, in axes of the world (6,) [N, N.m].
+        """Ground reaction wrench on a foot at the sole's origin, in world axes (6,) [N, N.m].
 
-        And its vertical force for a torque of 1 N.m in the direction to which it is most sensitive [N].
+        Also returns the largest vertical force caused by joint torques of norm 1 N.m [N].
         """
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobian = pin.getFrameJacobian(self._model.pin, self._data, frame, world)[:, leg]  # (6, 6)
@@ -81,13 +81,13 @@ class FootLoad:
 
 
 def identify(model: RobotModel, mean: SensorData) -> Payload:
-    """Payload of a robot that stands still on both feet, from the mean of its samples over some seconds.
+    """Identify the payload of a robot that stands still on both feet, from the mean of its samples over some seconds.
 
-    The load is the weight and the CoP is below the CoM, both from the joint torques as ``FootLoad`` computes them. The
-    payload of the model's own profile is included: the result replaces it. On a simulated G1 with a load at the torso
-    the errors are 0.25 kg and 2 mm, and with encoder offsets of up to 20 mrad 0.7 kg and 6 mm. A bias of the
-    accelerometer is a tilt: 0.05 m/s^2 are 3 to 5 mm. The legs must have the masses of the model:
-    with all masses 10 % larger, 0.9 of 3.3 kg are not found.
+    ``FootLoad`` computes load and CoP from the joint torques; the load equals the weight, and the CoP is below the CoM.
+    The result includes the payload of the model's profile and replaces it. On a simulated G1 with a load at the torso
+    the errors are 0.25 kg and 2 mm; with encoder offsets of up to 20 mrad they are 0.7 kg and 6 mm. A bias of the
+    accelerometer has the effect of a tilt: 0.05 m/s^2 cause 3 to 5 mm. The legs must have the masses of the model: if
+    all masses are 10 % larger, 0.9 of 3.3 kg are not identified.
 
     Raises:
         MessageError: The robot moves, does not stand on its feet, or measures no torques or no acceleration.
@@ -109,10 +109,10 @@ def identify(model: RobotModel, mean: SensorData) -> Payload:
 
 
 def payload_profile(extends: str, name: str, payload: Payload, file: Path | None = None) -> str:
-    """Text of a profile ``name`` with a payload that extends another, given by name or path.
+    """Text of a profile ``name`` with a payload, which extends another profile (name or path).
 
     Raises:
-        ConfigError: ``file``, which it is for, is the other profile.
+        ConfigError: ``file``, the target of the text, is the extended profile.
     """
     if file is not None and file.resolve() == Path(extends).resolve():
         raise ConfigError(f"{file}: this profile is what the result extends; give the new one another name")

@@ -1,4 +1,4 @@
-"""Start of a real robot for people: services, status record, and diagnostics."""
+"""Operator interface of the start of a real robot: services, status record and diagnostics."""
 
 import time
 from collections.abc import Callable
@@ -15,15 +15,15 @@ from models.nodes.base import PoiseNode, cause_of
 from models.nodes.qos import LATCHED
 from models.status import StartStatus
 
-VALUES_PERIOD = 1.0  #: Between two updates of the monitors' values in the status, and two lines of the log [s]
-STALE_MIN = 1.0  #: Silence of the robot after which the values of its last state are not shown [s]
+VALUES_PERIOD = 1.0  #: Time between two updates of the monitors' values in the status, and between two log lines [s]
+STALE_MIN = 1.0  #: Silence of the robot after which the monitors' values are omitted [s]
 
 
 class StartServices:
     """Services ``start/confirm_gantry``, ``start/prepare``, ``start/lower``, ``start/relax`` and ``start/damp``.
 
-    A service answers with its effect or the reason of the refusal. ``on_change`` is called when a service may have
-    changed the state of the drivers. Topic ``start/status`` has the state.
+    A service responds with its effect or the reason of a refusal. ``on_change`` is called after a service that may have
+    changed the state of the drivers. Topic ``start/status`` publishes the state.
     """
 
     def __init__(self, node: PoiseNode, drivers: HardwareDrivers, on_change: Callable[[], None]) -> None:
@@ -59,7 +59,7 @@ class StartServices:
         self._node.serve(Trigger, name, on_call)
 
     def publish(self) -> None:
-        """Publish the status if it has changed; log each change of the state, and of what it waits for."""
+        """Publish the status if it has changed; log each change of the state and of the condition it waits for."""
         startup, plant = self._drivers.startup, self._drivers.plant
         stale = self._drivers.stale
         silent = (f"no state of the robot for {stale:.0f} s",) if stale > STALE_MIN else ()
@@ -93,7 +93,7 @@ class StartServices:
         }
 
     def diagnose(self) -> tuple[Any, str]:
-        """Level and message of the diagnostics."""
+        """Level and message for the diagnostics."""
         startup, plant = self._drivers.startup, self._drivers.plant
         parts = [f"start '{startup.state}'", *plant.holds, *plant.warnings]
         if plant.stop:
@@ -103,7 +103,7 @@ class StartServices:
 
 
 def _last_sign(age: float | None) -> str:
-    """When a remote controller has given its last sign, ``age`` [s] ago, in whole seconds."""
+    """Text for the age [s] of a remote controller's last sign, in whole seconds; empty without a remote controller."""
     if age is None:
         return ""
     return f"last sign {age:.0f} s ago" if isfinite(age) else "no sign yet"

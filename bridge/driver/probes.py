@@ -1,4 +1,4 @@
-"""Times of the stages of a tick on the monotonic clock, in the driver and in the process of the laws."""
+"""Times of the stages of a tick on the monotonic clock, in the driver and in the control process."""
 
 import time
 from collections import deque
@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SAMPLES_KEPT = 64  #: Samples whose answer is waited for
-CAPACITY = 600_000  #: Recorded ticks: ten minutes at 1 kHz; later ones are dropped
+SAMPLES_KEPT = 64  #: Newest samples for which an answer is matched
+CAPACITY = 600_000  #: Largest number of recorded ticks: ten minutes at 1 kHz; later ones are dropped
 
-#: Recorded of each tick by the driver, and its type
+#: Values that the driver records per tick, and their types
 LATENCIES = {
-    "published": np.int64,  # Start of publishing the sensors [ns]; 0 where they were not
-    "sent": np.int64,  # When the last of them was passed to the middleware [ns]; 0 where not recorded
-    "arrived": np.int64,  # When the middleware delivered the command with that tick's stamp [ns]; 0 without one
-    "received": np.int64,  # When the drivers had accepted it [ns]; 0 where they did not
+    "published": np.int64,  # Start of publishing the sensors [ns]; 0 if not published
+    "sent": np.int64,  # Time at which the last sensor message was passed to the middleware [ns]; 0 if not recorded
+    "arrived": np.int64,  # Delivery of the command with this tick's stamp by the middleware [ns]; 0 without one
+    "received": np.int64,  # Time at which the drivers had accepted it [ns]; 0 if not accepted
     "late": np.float64,  # Delay after the deadline [s]
     "skipped": np.int64,  # Periods lost before the step
-    "active": np.bool_,  # Whether the drivers were executing commands
+    "active": np.bool_,  # Whether the drivers executed commands
 }
 
 
 class LatencyProbe:
-    """Stores one row per tick in preallocated arrays, by the names of ``LATENCIES``."""
+    """Stores one row per tick in preallocated arrays, named as in ``LATENCIES``."""
 
     def __init__(self) -> None:
         self._rows: dict[str, NDArray[Any]] = {name: np.zeros(CAPACITY, kind) for name, kind in LATENCIES.items()}
@@ -48,7 +48,7 @@ class LatencyProbe:
         self._arrival = time.monotonic_ns()
 
     def receive(self, tick: int) -> None:
-        """Record that the drivers accepted the command for a tick; only the first one counts."""
+        """Record that the drivers accepted the first command for a tick."""
         if 0 <= tick < self._count and self._rows["received"][tick] == 0:
             self._rows["arrived"][tick] = self._arrival
             self._rows["received"][tick] = time.monotonic_ns()
@@ -63,7 +63,7 @@ class LatencyProbe:
         np.savez(path, allow_pickle=False, **self.rows())
 
     def rows(self) -> dict[str, NDArray[Any]]:
-        """The filled part of every array by name."""
+        """Filled part of each array, by name."""
         return {name: values[: self._count] for name, values in self._rows.items()}
 
 
@@ -75,7 +75,7 @@ LEFT, RIGHT = 1, 2  #: Bits of ``contacts``
 
 
 class StageProbe:
-    """Times by ``COLUMNS`` (n, 6) [ns], 0 where not reached, and ``contacts`` (n,), a preallocated row a sample."""
+    """Times by ``COLUMNS`` (n, 6) [ns], 0 where not reached, and ``contacts`` (n,); one preallocated row per sample."""
 
     def __init__(self, capacity: int = CAPACITY) -> None:
         self.table = np.zeros((capacity, len(COLUMNS)), dtype=np.int64)
@@ -92,7 +92,7 @@ class StageProbe:
             self._row = len(self.table)
 
     def state(self, stamp: int) -> None:
-        """Record the end of the estimation of a stamp [ns]."""
+        """Record the end of the estimation for a stamp [ns]."""
         if 0 <= self._row < len(self.table):
             self.table[self._row, STAMP] = stamp
             self.table[self._row, ESTIMATED] = time.monotonic_ns()
@@ -108,7 +108,7 @@ class StageProbe:
             self.contacts[self._row] = LEFT * contacts[0] + RIGHT * contacts[1]
 
     def rows(self) -> dict[str, NDArray[np.int64] | NDArray[np.uint8]]:
-        """``stages`` and ``contacts`` of the filled rows."""
+        """Filled rows as ``stages`` and ``contacts``."""
         count = min(self._row + 1, len(self.table))
         return {"stages": self.table[:count], "contacts": self.contacts[:count]}
 
@@ -118,7 +118,7 @@ class StageProbe:
 
 
 def cost(ticks: int = 20_000) -> float:
-    """Time that the rows of one tick cost, measured in a loop [s]."""
+    """Duration of recording one tick, measured in a loop [s]."""
     probe = StageProbe(ticks)
     begin = time.perf_counter()
     for stamp in range(ticks):
@@ -130,14 +130,14 @@ def cost(ticks: int = 20_000) -> float:
     return (time.perf_counter() - begin) / ticks
 
 
-#: Keys of the diagnostics of ``AnswerTimes``: median, 99th percentile and maximum
+#: Diagnostics keys of ``AnswerTimes``: median, 99th percentile and maximum
 ANSWER_VALUES = {name: f"sample to command {name} [ms]" for name in ("p50", "p99", "max")}
 
 
 class AnswerTimes:
-    """Time from the arrival of a sample of a real robot at the driver to the command computed from it, as it is sent.
+    """Latency of a real robot, from the arrival of a sample at the driver to sending the command computed from it.
 
-    ``count`` is the number of the newest answers that count.
+    ``count`` is the number of newest values in the statistics.
     """
 
     def __init__(self, count: int = 5000) -> None:
@@ -146,11 +146,11 @@ class AnswerTimes:
         self._answered = 0
 
     def arrive(self, stamp: int) -> None:
-        """A sample with a stamp [ns] has arrived."""
+        """Record the arrival of a sample with a stamp [ns]."""
         self._arrived.append((stamp, time.monotonic()))
 
     def send(self, stamp: int) -> None:
-        """A command computed from the sample with a stamp [ns] was sent; repetitions do not count."""
+        """Record that the command for the sample with a stamp [ns] was sent; repetitions are ignored."""
         if stamp <= self._answered:
             return
         self._answered = stamp
@@ -160,7 +160,7 @@ class AnswerTimes:
 
     @property
     def values(self) -> dict[str, str]:
-        """Figures of ``ANSWER_VALUES`` for the diagnostics; empty before the first answer."""
+        """Values of ``ANSWER_VALUES`` for the diagnostics; empty before the first command."""
         if not self._times:
             return {}
         figures = 1e3 * np.percentile(np.array(self._times), (50.0, 99.0, 100.0))

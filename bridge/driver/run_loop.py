@@ -1,4 +1,4 @@
-"""Paces a plant: absolute deadlines in real time, waiting for late commands, or one command per tick in lockstep."""
+"""Main loop of a plant: absolute deadlines in real time, waits for late commands, one command per tick in lockstep."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -13,11 +13,11 @@ _NANO = 1e-9  #: One nanosecond [s]
 
 
 class Pacer:
-    """Keeps a loop at a fixed period [s] without drift: deadline k is at start + k period.
+    """Runs a loop at a fixed period [s] without drift: deadline k is at start + k period.
 
-    A late tick does not move the deadlines after it. Lost whole periods are skipped and counted, so that no burst
-    follows a long stall; ``skipped`` is their number. ``clock`` is monotonic [ns], ``sleep`` sleeps for a time [s].
-    Raises ``ConfigError`` unless ``period`` is positive.
+    A late tick does not shift later deadlines. Whole lost periods are skipped and counted in ``skipped``, so that no
+    burst follows a long stall. ``clock`` is monotonic [ns], ``sleep`` sleeps for a time [s]. Raises ``ConfigError``
+    unless ``period`` is positive.
     """
 
     def __init__(
@@ -35,13 +35,13 @@ class Pacer:
         self.skipped = 0
 
     def wait(self) -> float:
-        """Sleep until the next deadline, or return at once when it has passed; returns how late it is [s]."""
+        """Sleep until the next deadline, not at all if it has passed; returns the delay after it [s]."""
         now = self._clock()
         if now > self._deadline:
             missed = (now - self._deadline) // self._period
             self.skipped += missed
             self._deadline += missed * self._period
-        while now < self._deadline:  # again after waking early
+        while now < self._deadline:  # repeated after an early wake-up
             self._sleep((self._deadline - now) * _NANO)
             now = self._clock()
         late = now - self._deadline
@@ -50,14 +50,14 @@ class Pacer:
 
 
 IDLE_SPIN = 0.02  #: Longest wait for a callback while no tick is due [s]
-ARRIVAL_POLL = 0.0004  #: Time between two checks for a sample of a robot with its own clock [s]
-#: Longest tick of such a robot, in periods: its samples jitter; once one is missing, ticks count the silence exactly
+ARRIVAL_POLL = 0.0004  #: Time between two checks for a sample of a real robot [s]
+#: Longest tick of a real robot, in periods, to allow for jitter; 1 after a missing sample, to time the silence
 TICK_MAX = 1.5
-RETRY_PERIOD_NS = 100_000_000  #: Wait for a command after which the tick's sensors are published again [ns]
+RETRY_PERIOD_NS = 100_000_000  #: Timeout for a command, after which the tick's sensors are published again [ns]
 
 
 class Paced(Protocol):
-    """Node that ``run_plant`` drives, with a real ``period`` [s] and at least ``callbacks_min`` callbacks per tick."""
+    """Node driven by ``run_plant``, with a real-time ``period`` [s] and at least ``callbacks_min`` callbacks a tick."""
 
     lockstep: bool
     period: float
@@ -65,19 +65,19 @@ class Paced(Protocol):
 
     @property
     def follows_samples(self) -> bool:
-        """Whether ticks begin with the samples of a robot that has its own clock."""
+        """Whether the robot's samples trigger the ticks, because it has a clock (a real robot)."""
 
     @property
     def sample_due(self) -> bool:
-        """Whether the next sample of such a robot has arrived."""
+        """Whether the next sample of a real robot has arrived."""
 
     @property
     def command_due(self) -> bool:
-        """Whether the plant may be given its command: a new one has come, or none is awaited."""
+        """Whether a command may be sent to the plant: a new one has arrived, or none is awaited."""
 
     @property
     def fresh(self) -> bool:
-        """Whether the last tick of such a robot had a new sample."""
+        """Whether the last tick of a real robot had a new sample."""
 
     @property
     def running(self) -> bool:
@@ -85,15 +85,15 @@ class Paced(Protocol):
 
     @property
     def answered(self) -> bool:
-        """Whether the drivers have the command of this tick."""
+        """Whether the drivers have received the command of this tick."""
 
     @property
     def free_running(self) -> bool:
-        """Lockstep: whether the plant steps without an answer, because no command is due."""
+        """Lockstep: whether the plant steps without a command, because none is due."""
 
     @property
     def behind(self) -> bool:
-        """Whether simulated time waits for the commands, which lag."""
+        """Whether simulated time waits for late commands."""
 
     def publish_tick(self, late: float) -> None:
         """Publish the sensors of this tick, which began ``late`` after its deadline [s]."""
@@ -102,7 +102,7 @@ class Paced(Protocol):
         """Advance by one tick."""
 
     def overrun(self, ticks: int) -> None:
-        """Count skipped ticks, possibly none."""
+        """Count skipped ticks, zero or more."""
 
     def idle(self) -> None:
         """Publish a heartbeat; called regularly while the plant's time stands still."""
@@ -111,10 +111,10 @@ class Paced(Protocol):
 def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
     """Serve callbacks and drive the first node until a signal.
 
-    In real time tick k begins at t0 + k T on the monotonic clock. Its sensors are published, callbacks are served until
-    the next deadline, then the plant gets the newest command. Lost whole periods are counted and skipped: simulated
-    time then falls behind and never catches up. While the commands lag behind the sensors, a simulated plant waits. A
-    robot with its own clock is followed: a tick begins with its sample, and it gets the command as soon as that comes.
+    In real time tick k begins at t0 + k T on the monotonic clock. The sensors are published, callbacks are served until
+    the next deadline, then the plant gets the newest command. Whole lost periods are counted and skipped; simulated
+    time does not catch up. While commands lag behind the sensors, a simulated plant waits. A tick of a real robot
+    begins with its sample; the robot gets the command as soon as it arrives.
     """
     node: Paced = nodes[0]
     pacer: Pacer | None = None
@@ -150,7 +150,7 @@ def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
 
 
 def _follow_sample(executor: Any, node: Paced, stop: Stop) -> None:
-    """Serve callbacks until the next sample; step once, with the first new command or at the end."""
+    """Serve callbacks until the next sample; step once, at the first new command or at the end."""
     began = time.monotonic()
     longest = node.period * (TICK_MAX if node.fresh else 1.0)
     stepped = False
@@ -166,7 +166,7 @@ def _follow_sample(executor: Any, node: Paced, stop: Stop) -> None:
 
 
 def _serve_while(executor: Any, node: Paced, stop: Stop, waiting: Callable[[], bool]) -> None:
-    """Serve callbacks while the plant waits for a command; publish the sensors again when none comes."""
+    """Serve callbacks while the plant waits for a command; publish the sensors again after a timeout."""
     retry_at = time.monotonic_ns() + RETRY_PERIOD_NS
     while ok() and not stop.requested and node.running and waiting():
         executor.spin_once(timeout_sec=RETRY_PERIOD_NS * _NANO)

@@ -1,4 +1,4 @@
-"""Commands of the drives in the start of a real robot (``startup.py``): stiff, damped, and all blends between them."""
+"""Drive commands during the start of a real robot (``startup.py``): stiff hold, damping, and blends between them."""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -46,28 +46,28 @@ class StartupConfig:
 class StartState(StrEnum):
     """State of the start."""
 
-    LISTEN = "listen"  # checks of the robot's messages; nothing is commanded
-    GANTRY = "gantry"  # the operator confirms that the robot hangs; nothing is commanded
-    RELEASE = "release"  # the vendor's controller ends; nothing is commanded
-    DAMP = "damp"  # the joints come to rest
+    LISTEN = "listen"  # the robot's messages are checked; no commands
+    GANTRY = "gantry"  # the operator confirms that the robot hangs; no commands
+    RELEASE = "release"  # the vendor's controller is released; no commands
+    DAMP = "damp"  # damping until the joints are at rest
     PREPARE = "prepare"  # slow ramp to the standing posture, in the air
-    HANGING = "hanging"  # stiff, in the air
-    HELD = "held"  # stiff, on the way to the ground
-    LOADED = "loaded"  # stiff, on its feet
-    STAND = "stand"  # the joint drivers are in command
-    RELAX = "relax"  # their last command fades slowly into damping
+    HANGING = "hanging"  # stiff hold, in the air
+    HELD = "held"  # stiff hold, while lowered to the ground
+    LOADED = "loaded"  # stiff hold, on its feet
+    STAND = "stand"  # commands of the joint drivers
+    RELAX = "relax"  # the drivers' last command fades slowly into damping
     DAMPED = "damped"  # after a stop or a fault
 
 
 def stiff_hold_acts(state: StartState, elapsed: float, config: StartupConfig) -> bool:
-    """Whether the stiff hold of a robot on its feet still acts, ``elapsed`` [s] after the state began."""
+    """Whether the stiff hold of a robot on its feet is still effective, ``elapsed`` [s] after the state began."""
     return state is StartState.LOADED or (state is StartState.STAND and elapsed < config.fade)
 
 
 class StartCommands:
     """Commands of each state, ``elapsed`` [s] after it began.
 
-    ``executed`` is what the robot executes of a command, from which a fault fades.
+    ``executed`` maps a command to the command that the robot executes; after a fault its torque fades.
     """
 
     def __init__(
@@ -84,20 +84,20 @@ class StartCommands:
         self._at_fault = self._last = JointCommand.torque(np.zeros(model.nj))
 
     def begin_ramp(self, q: Vector) -> None:
-        """The ramp begins at joint positions (nj,) [rad]."""
+        """Begin the ramp at joint positions (nj,) [rad]."""
         self._from = q.copy()
         self.ramp = max(float(np.abs(self._target - q).max()) / self._config.ramp_speed, self._config.ramp_time)
 
     def fade_from(self, torque: Vector) -> None:
-        """A stop will fade from this torque (nj,) [N.m]."""
+        """Set the joint torques (nj,) [N.m] from which a stop fades."""
         self._at_fault = JointCommand.torque(torque)
 
     def keep_last(self) -> None:
-        """Keep the drivers' last command, which they overwrite in every tick."""
+        """Copy the drivers' last command, which they overwrite in every tick."""
         self._last = deepcopy(self._last)
 
     def reference(self, state: StartState, elapsed: float) -> Vector:
-        """Position of the stiff hold (nj,) [rad]."""
+        """Reference position of the stiff hold (nj,) [rad]."""
         if state is not StartState.PREPARE:
             return self._target
         u = min(elapsed / self.ramp, 1.0)
@@ -106,9 +106,9 @@ class StartCommands:
     def command(
         self, state: StartState, elapsed: float, load: float, sensors: SensorData, driver: JointCommand
     ) -> JointCommand:
-        """Command of a state in which the drives are commanded.
+        """Command of a state that has commands.
 
-        ``load`` is that on the feet as a share of the weight [-], ``driver`` the command of the joint drivers.
+        ``load`` is the load on the feet relative to the weight [-], ``driver`` the command of the joint drivers.
         """
         model, fading = self._model, stiff_hold_acts(state, elapsed, self._config)
         self._standing[:] = 0.0
@@ -124,13 +124,13 @@ class StartCommands:
             return fade_to_damping(model, self._at_fault, elapsed)
         else:
             share = self._config.air_torque if state in (StartState.PREPARE, StartState.HANGING) else 1.0
-            executed = self._executed(self._held(state, elapsed))  # with its gains the torque keeps to the bound
+            executed = self._executed(self._held(state, elapsed))  # its gains keep the torque within the bound
             given = bounded_command(model, executed, sensors.q, sensors.v, share)
         self.fade_from(drive_torque(model, self._executed(given), sensors.q, sensors.v))
         return given
 
     def _held(self, state: StartState, elapsed: float) -> JointCommand:
-        """Stiff hold; its gains grow from those of damping in the first third of the ramp."""
+        """Stiff hold; in the first third of the ramp it is blended in from damping."""
         held = JointCommand(
             self.reference(state, elapsed), np.zeros(self._model.nj), self._standing, self._kp, self._kd
         )
@@ -139,6 +139,6 @@ class StartCommands:
         return mean_command(self._model, self._damping, held, min(3.0 * elapsed / self.ramp, 1.0))
 
     def _faded(self, elapsed: float, driver: JointCommand) -> JointCommand:
-        """From the stiff hold to the drivers' command."""
+        """Blend from the stiff hold to the drivers' command."""
         u = elapsed / self._config.fade
         return mean_command(self._model, self._held(StartState.STAND, elapsed), driver, u * u * (3.0 - 2.0 * u))

@@ -4,19 +4,19 @@
                                                          any of these from release on -> damped -> damp, or listen
                                                          stand -> relax -> damped
 
-Nothing is commanded before ``release`` has ended, unless no other controller commands the robot and damping is
-requested. Where the last driver crashed, ``listen`` waits until robot and state of that controller are known: with
-none active the robot is ``damped``, with one the start begins anew. While they are unknown nothing is commanded,
-unless the operator requests damping. ``gantry`` waits for the operator's confirmation that the robot hangs from a
-gantry, ``hanging`` for ``lower``. The robot must hang upright, without load on its feet, at the confirmation and
-until it is ``hanging``. One that topples before it stands by itself is damped, and none is put on its feet under a
-hold of the monitors. One whose driver hung, or whose clock jumped, for longer than ``sensor_timeout`` of
-``controllers/config/motor_driver.yaml`` is damped from the measured torques. ``held`` is stiff in the standing posture
-until the load on the feet, which follows from the joint torques, equals the weight. The stiff hold includes the torques
-of that load at the measured posture: gravity does not weaken its springs, and a CoM beside that of the model makes the
-robot lean less. ``loaded`` stays stiff until the joint drivers execute commands, which then replace the stiff hold over
-the time ``fade``; a robot that is lifted before that is ``held`` again. ``damped`` waits for the operator to hang the
-robot up; when the vendor's controller becomes active, commands end, and the start begins again.
+No commands are sent before the end of ``release``, unless no other controller commands the robot and damping is
+requested. After a crash of the last driver, ``listen`` waits until the robot and the state of the vendor's controller
+are known, and sends no commands unless the operator requests damping. Then a robot without an active controller is
+``damped``; with one the start begins again. ``gantry`` waits for the operator's confirmation that the robot hangs from
+a gantry, ``hanging`` for ``lower``. From the confirmation until ``hanging`` the robot must hang upright, without load
+on its feet. It is damped when it topples before it stands by itself. A hold of the monitors prevents lowering. After a
+jump of the robot's clock, or a gap between ticks above ``sensor_timeout`` of ``controllers/config/motor_driver.yaml``,
+the robot is damped from the measured torques. ``held`` is stiff in the standing posture until the load on the feet,
+computed from the joint torques, equals the weight. The stiff hold includes the torques of that load at the measured
+posture: gravity does not reduce its stiffness, and an error of the model's CoM makes the robot lean less. ``loaded``
+stays stiff until the joint drivers execute commands, which then replace the stiff hold over the time ``fade``. If the
+robot is lifted before that, it is ``held`` again. ``damped`` waits for the operator to hang the robot up. When the
+vendor's controller becomes active, all commands end and the start begins again.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,9 +31,9 @@ from models.errors import CommandError
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData, Vector
 
-#: Nothing is commanded yet; the vendor's controller is in command, unless it was released before
+#: States without commands; the vendor's controller commands the robot, unless it was released before
 BEFORE_RELEASE = (StartState.LISTEN, StartState.GANTRY)
-#: Stiff on the rope, or on the feet without balance
+#: States with the stiff hold, on the rope or on the feet, without balance control
 _STIFF = (StartState.PREPARE, StartState.HANGING, StartState.HELD, StartState.LOADED)
 _WAITS = {
     StartState.GANTRY: "the operator: hang the robot from its gantry, then poise start confirm_gantry",
@@ -44,30 +44,30 @@ _WAITS = {
 
 
 class StartInputs(NamedTuple):
-    """What one tick of the start depends on."""
+    """Inputs of one tick of the start."""
 
     sensors: SensorData
     findings: Sequence[str] = ()  # why the robot's messages cannot be used
-    doubts: Sequence[str] = ()  # why not even damping may be commanded
+    doubts: Sequence[str] = ()  # why even damping must not be commanded
     vendor: str | None = None  # name of the vendor's active controller, empty when released, None while unknown
-    load: float = 0.0  # vertical force on both feet as a share of the weight [-]
-    load_error: float = 0.0  # of it [-]
-    tilt: float = 0.0  # of the base [rad]
-    driven: bool = False  # the joint drivers execute commands
-    stop: str = ""  # reason to damp at once
-    jumped: bool = False  # the robot's clock, so that the time since the last tick is unknown
-    stale: float = 0.0  # since the sample came [s]
-    holds: Sequence[str] = ()  # of the monitors
-    pressed: str = ""  # stop button of the remote controller
-    foreign: bool = False  # commands of another program are present
+    load: float = 0.0  # vertical force on both feet relative to the weight [-]
+    load_error: float = 0.0  # error of the load [-]
+    tilt: float = 0.0  # tilt of the base [rad]
+    driven: bool = False  # whether the joint drivers execute commands
+    stop: str = ""  # reason for immediate damping
+    jumped: bool = False  # whether the robot's clock jumped; the time since the last tick is then unknown
+    stale: float = 0.0  # age of the sample [s]
+    holds: Sequence[str] = ()  # holds of the monitors
+    pressed: str = ""  # pressed stop button of the remote controller
+    foreign: bool = False  # whether another program sends commands
 
 
 class Startup:
     """The state machine. A tick is ``update``, then ``command``.
 
-    ``crashed`` is whether the last driver ended without damping the robot: then only damping is possible, unless the
-    vendor's controller is active. ``executed`` is what the robot executes of a command, from which a fault fades.
-    ``own`` is what messages call the robot's own controller; empty for a robot without one. The methods of the operator
+    ``crashed`` is whether the last driver ended without damping the robot. Then only damping is possible, unless the
+    vendor's controller is active. ``executed`` maps a command to the command that the robot executes; after a fault its
+    torque fades. ``own`` is the name of the vendor's controller in messages; empty without one. The operator's methods
     raise ``CommandError`` with the reason of a refusal.
     """
 
@@ -86,16 +86,16 @@ class Startup:
         self.model = model
         self.state = StartState.LISTEN
         self.reason = ""  #: Why the robot is damped, or was not released
-        self.load = 0.0  #: Load on the feet, averaged over ``load_window``, as a share of the weight [-]
-        self._load_error = 0.0  # of the newest load [-]
-        self.tilt = np.nan  #: Of the base, averaged likewise [rad]
+        self.load = 0.0  #: Load on the feet relative to the weight, averaged over ``load_window`` [-]
+        self._load_error = 0.0  # error of the newest load [-]
+        self.tilt = np.nan  #: Tilt of the base, averaged over ``load_window`` [rad]
         self._crashed = crashed
         self._drives = StartCommands(model, self.config, executed)
         self._monitor_holds: Sequence[str] = ()  # present holds of the monitors
         self._vendor: str | None = None
-        self._stopped = ""  # reason to damp as soon as the vendor's controller has ended
+        self._stopped = ""  # reason to damp once the vendor's controller has ended
         self._toppled = 0.0  # time for which the base has been tilted too far [s]
-        self._elapsed = 0.0  # in this state, by the robot's clock, which the driver continues without samples [s]
+        self._elapsed = 0.0  # time in this state by the robot's clock; advances without samples, too [s]
         self._good = 0.0  # time for which the condition of the state has held [s]
         self._t: float | None = None
         self._findings: Sequence[str] = ("no message of the robot yet",)
@@ -105,7 +105,7 @@ class Startup:
 
     @property
     def waits_for(self) -> str:
-        """What ends the present state; empty for none."""
+        """Condition that ends the present state; empty for none."""
         state, config = self.state, self.config
         before = f"{self._without_own} (before: {self.reason})" if self.reason else self._without_own
         if state is StartState.HANGING and (reasons := "; ".join(filter(None, (*self._monitor_holds, self.grounded)))):
@@ -133,7 +133,7 @@ class Startup:
 
     @property
     def _unknown(self) -> str:
-        """What the state ``listen`` waits for after a crash."""
+        """Condition that ends ``listen`` after a crash."""
         doubts = "; ".join(self._doubts) or f"no doubt for {self.config.quiet_time:g} s"
         found = f"{doubts}: nothing is commanded, as another controller may be active ({self.reason})"
         if self._elapsed <= self.config.answer_timeout:
@@ -145,7 +145,7 @@ class Startup:
 
     @property
     def _without_own(self) -> str:
-        """What a robot does whose own controller is known to be inactive, before this computer commands it."""
+        """Note that the vendor's controller is inactive before this computer commands the robot; else empty."""
         if self.state not in BEFORE_RELEASE or self._vendor != "" or not self._own:
             return ""
         return (
@@ -155,7 +155,7 @@ class Startup:
 
     @property
     def _released(self) -> str:
-        """What ends the state ``release``."""
+        """Condition that ends ``release``."""
         return f"{self._own} to end" if self._own else "the command controller to be active"
 
     @property
@@ -165,7 +165,7 @@ class Startup:
 
     @property
     def supported(self) -> bool:
-        """Whether the robot hangs, or its vendor's controller holds it."""
+        """Whether the rope or the vendor's controller supports the robot."""
         return self.state not in (StartState.LOADED, StartState.STAND, StartState.RELAX, StartState.DAMPED)
 
     @property
@@ -179,7 +179,7 @@ class Startup:
         return stiff_hold_acts(self.state, self._elapsed, self.config)
 
     def confirm_gantry(self) -> str:
-        """The operator confirms that the robot hangs; the vendor's controller is released."""
+        """Confirm that the robot hangs from its gantry; the vendor's controller is released."""
         self._require("confirm_gantry", StartState.GANTRY)
         self._require_hanging("confirm_gantry")
         self._enter(StartState.RELEASE)
@@ -187,7 +187,7 @@ class Startup:
         return f"{released} is damped, and moves to the standing posture by itself: keep clear"
 
     def lower(self) -> str:
-        """The operator lowers the robot."""
+        """Begin to lower the robot."""
         self._require("lower", StartState.HANGING)
         if self._monitor_holds:
             raise CommandError(f"lower refused: {'; '.join(self._monitor_holds)}")
@@ -195,13 +195,13 @@ class Startup:
             raise CommandError(f"lower refused: {self.grounded}; hang the robot upright, and call it again")
         lowered = self.grounded
         self._enter(StartState.HELD)
-        self.load = 0.0  # whose torques begin without a step
+        self.load = 0.0  # its torques begin without a step
         if lowered:
             return f"accepted, stand clear: {lowered}, so it stands by itself within a second; keep the rope at hand"
         return "lower the robot; it stands by itself when its feet bear the weight"
 
     def prepare(self) -> str:
-        """The operator has hung the damped robot up again; the joints move to the standing posture."""
+        """Confirm that the damped robot has been hung up again; the joints move to the standing posture."""
         self._require("prepare", StartState.DAMPED)
         if self._crashed:
             raise CommandError(f"prepare refused: {self.waits_for}")
@@ -212,10 +212,10 @@ class Startup:
         return "the joints move to the standing posture"
 
     def damp(self, reason: str) -> str:
-        """Damp the robot at once, in ``release`` as soon as the vendor's controller has ended.
+        """Damp the robot immediately; in ``release`` once the vendor's controller has ended, even if a check fails.
 
-        A check that fails meanwhile does not cancel it. It is refused where the vendor's controller is in command, or
-        may be, but not after a crash, where the operator sees what the messages do not say.
+        Refused while the vendor's controller commands the robot, or may do so. After a crash an unknown state of that
+        controller does not prevent damping, because the operator can see the robot.
         """
         if self.state is StartState.RELEASE and self._vendor != "":
             self._stopped = self._stopped or reason
@@ -231,11 +231,11 @@ class Startup:
 
     @property
     def _limp(self) -> bool:
-        """Whether neither this computer nor, as far as is known, another controller commands the robot."""
+        """Whether neither this computer nor, as far as known, another controller commands the robot."""
         return not self.commands and ((self._crashed and not self._vendor) or (self._vendor == "" and not self._doubts))
 
     def relax(self) -> str:
-        """Let the standing robot sink slowly, from a low posture: it loses its balance on the way."""
+        """Let the standing robot sink slowly from a low posture, without balance control."""
         self._require("relax", StartState.STAND)
         self._drives.keep_last()
         self._enter(StartState.RELAX)
@@ -244,15 +244,15 @@ class Startup:
     def update(self, inputs: StartInputs) -> StartState:
         """One tick; returns the state."""
         sensors, config = inputs.sensors, self.config
-        # It goes on without samples, so that the torque fades, but not before the first.
+        # The time advances without samples, so that the torque fades, but not before the first sample.
         t = sensors.t + inputs.stale if sensors.t > 0.0 else 0.0
         dt = 0.0 if self._t is None else max(t - self._t, 0.0)
         self._t, self._findings = t, inputs.findings
         self._doubts, self._monitor_holds, self._vendor = inputs.doubts, inputs.holds, inputs.vendor
         if self._crashed and self.state is StartState.LISTEN and np.isfinite(sensors.tau).all():
-            self._drives.fade_from(sensors.tau)  # of the command that the last driver left
+            self._drives.fade_from(sensors.tau)  # torques of the last driver's command
         if self.commands and (dt > self._tick_max or inputs.jumped):
-            self._drives.fade_from(sensors.tau)  # the last command may no longer be in force: the guard has damped
+            self._drives.fade_from(sensors.tau)  # the guard may have damped since the last command
             hung = f"{dt:.3f} s between two ticks of the driver, {self._tick_max:g} s at most"
             inputs = inputs if inputs.jumped else inputs._replace(stop=inputs.stop or hung)
         self._elapsed += dt
@@ -309,7 +309,7 @@ class Startup:
         return self.state
 
     def command(self, sensors: SensorData, driver: JointCommand) -> JointCommand | None:
-        """Command of the drives, where ``driver`` is that of the joint drivers; None while nothing is commanded."""
+        """Command of the drives, given the command of the joint drivers (``driver``); None while none may be sent."""
         if not self.commands:
             return None
         return self._drives.command(self.state, self._elapsed, self.load, sensors, driver)
@@ -338,18 +338,18 @@ class Startup:
 
     def _enter(self, state: StartState) -> None:
         self.state, self._elapsed, self._good = state, 0.0, 0.0
-        if state is not StartState.LISTEN:  # where the vendor's controller may end after a release that was given up
+        if state is not StartState.LISTEN:  # the vendor's controller may still end there after an abandoned release
             self._stopped = ""
         if state not in (StartState.DAMPED, *BEFORE_RELEASE):
             self.reason = ""
 
     def _holds(self, condition: bool, dt: float, time: float) -> bool:
-        """Whether a condition has held for a time [s]."""
+        """Whether a condition has been true for a time [s]."""
         self._good = self._good + dt if condition else 0.0
         return condition and self._good >= time
 
     def _stop(self, inputs: StartInputs) -> None:
-        """Damp. Before the release, or where a check fails during it, begin again: nothing is commanded."""
+        """Damp the robot. Before the release, or with failed checks during it, restart without commands."""
         if self.state in BEFORE_RELEASE or (self.state is StartState.RELEASE and inputs.findings):
             self._findings = tuple(dict.fromkeys((inputs.stop, *inputs.findings)))
             self._enter(StartState.LISTEN)
@@ -357,14 +357,14 @@ class Startup:
             self.damp(inputs.stop)
 
     def _hand_over(self, inputs: StartInputs, dt: float) -> None:
-        """End all commands once the robot is damped and its vendor's controller is active: it must be the only one."""
+        """End all commands of a damped robot once its vendor's controller is active, which must be the only one."""
         if self._holds(bool(inputs.vendor), dt, self.config.hand_over_time):
             self._crashed = False
             self._enter(StartState.LISTEN)
             self.reason = f"{self._own} '{inputs.vendor}' became active"
 
     def _recover(self, inputs: StartInputs, dt: float) -> None:
-        """After a crash: damp a robot that no other controller commands; leave one alone that its vendor's does."""
+        """After a crash: restart without commands if the vendor's controller is active; damp if none is."""
         if inputs.vendor:
             self._crashed = False
             self.reason = f"{self._own} '{inputs.vendor}' is active after a crash of the driver"
@@ -388,7 +388,7 @@ class Startup:
             self._enter(StartState.HANGING)
 
     def _damp_behind(self, q: Vector) -> bool:
-        """Damp a robot in the air one of whose joints something holds away from the reference; whether it did."""
+        """Damp a robot in the air if a joint is blocked away from its reference; returns whether it did."""
         behind = np.abs(self._drives.reference(self.state, self._elapsed) - q)
         if not behind.max() > self.config.ramp_error:
             return False

@@ -1,4 +1,4 @@
-"""Topics and services of the driver: commands and mode in; sensors, state, time and the truth out; the simulation."""
+"""Topics and services of the driver: commands, modes, sensors, state, time, ground truth, and simulation services."""
 
 import math
 import time
@@ -44,17 +44,17 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR, STATE
 from models.robot_model import SOLE_FRAMES
 from models.types import SensorData, Vector
 
-FACTOR_TIME = 1.0  #: Over which the real-time factor is averaged [s]
+FACTOR_TIME = 1.0  #: Averaging time of the real-time factor [s]
 
 
 class CommandInput:
-    """Passes modes, and commands computed from recent sensors, to the drivers; refuses others with the reason.
+    """Passes modes and commands to the drivers; refuses invalid ones and late commands with the reason.
 
-    A command is refused when its sensors are older than ``age_max`` [ns]; ``period`` is the tick [ns]. ``probe``,
-    optional, records arrivals; ``on_mode_change`` is called when a mode may have changed the state of the drivers.
-    Stamps [ns]: ``now`` of the present tick, set by the node; ``stamp`` of the command in force; ``due_since`` from
-    which commands are due, 0 before the first mode with motion; ``judged`` of the newest state that the supervisor has
-    checked in the present mode, 0 before the first.
+    A command is late when its sensors are older than ``age_max`` [ns]; ``period`` is the tick [ns]. ``probe``,
+    optional, records arrivals; ``on_mode_change`` is called after a mode that may have changed the drivers' state.
+    Stamps [ns]: ``now`` of the present tick, set by the node; ``stamp`` of the last accepted command; ``due_since`` of
+    the tick from which commands are due, 0 before the first mode with motion; ``judged`` of the newest state that the
+    supervisor has checked in the present mode, 0 before the first.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class CommandInput:
         self.judged = stamp_ns(message.clock)
 
     def on_command(self, data: bytes) -> None:
-        """Pass a command to the drivers, or refuse it."""
+        """Callback of a serialised command: pass it to the drivers, or refuse it."""
         if not self._node.active:
             return
         if self._probe is not None:
@@ -100,7 +100,7 @@ class CommandInput:
             self._node.refuse(topics.JOINT_SETPOINTS, error)
 
     def on_mode(self, message: String) -> None:
-        """Apply the supervisor's mode."""
+        """Callback of the supervisor's mode."""
         if not self._node.active:
             return
         self.judged = 0
@@ -115,7 +115,7 @@ class CommandInput:
 
 
 class SensorTopics:
-    """Publishes ``SensorData``, the joints last; the faults of a ``simulated`` plant suppress messages."""
+    """Publishes ``SensorData``, joint states last; faults of a ``simulated`` plant can suppress messages."""
 
     def __init__(self, node: PoiseNode, simulated: SimulatedPlant | None) -> None:
         self._plant = simulated
@@ -127,7 +127,7 @@ class SensorTopics:
         self._joints = node.announce(JointState, topics.JOINT_STATES, STATE)
 
     def publish(self, stamp: int, sensors: SensorData) -> None:
-        """Publish a sample with one stamp [ns], except messages that a fault suppresses."""
+        """Publish a sample with one stamp [ns], without the messages that a fault suppresses."""
         missing: frozenset[str] = frozenset()
         if self._plant is not None:
             delivered = self._plant.transmit(sensors) or sensors
@@ -144,7 +144,7 @@ class SensorTopics:
 
 
 class ScanTopic:
-    """Publishes ``scan`` at the scanner's rate while it has a subscriber; nothing for a robot without scanner."""
+    """Publishes ``scan`` at the scanner's rate while it has a subscriber; no effect for a robot without a scanner."""
 
     def __init__(self, node: PoiseNode, plant: MujocoPlant, *, seed: int, noise: float) -> None:
         self._plant = plant
@@ -157,7 +157,7 @@ class ScanTopic:
         self._publisher = node.announce(LaserScan, topics.SCAN, STATE)
 
     def publish(self, tick: int, stamp: int) -> None:
-        """Publish the scan of a tick with a stamp [ns], at most once, when one is due."""
+        """Publish the scan of a tick with a stamp [ns], if due; a repeated call for a stamp has no effect."""
         if not self._ticks or tick % self._ticks or stamp == self._last or not self._publisher.get_subscription_count():
             return
         self._last = stamp
@@ -167,9 +167,9 @@ class ScanTopic:
 
 
 class StatusTopics:
-    """Publishers of time, ``real_time_factor``, driver state, offsets and description.
+    """Publishers of time, ``real_time_factor``, driver state, encoder offsets and robot description.
 
-    The factor is NaN in the first second, also after a pause.
+    The factor is NaN in the first second, and in the first second after a pause.
     """
 
     def __init__(self, node: PoiseNode, drivers: Drivers) -> None:
@@ -185,12 +185,12 @@ class StatusTopics:
         self._description = node.announce(String, topics.ROBOT_DESCRIPTION, LATCHED)
 
     def publish_latched(self, description: str, stamp: int) -> None:
-        """Publish description, encoder offsets and state with a stamp [ns], once the node is active."""
+        """Publish description, encoder offsets and state with a stamp [ns]; the node must be active."""
         self._description.publish(String(data=description))
         self.publish_start(stamp)
 
     def publish_start(self, stamp: int) -> None:
-        """Publish the encoder offsets, and the state even if it is unchanged: ``held`` twice is a reset; stamp [ns]."""
+        """Publish encoder offsets with a stamp [ns], and the state even if unchanged: ``held`` again means a reset."""
         offsets = self._drivers.encoder_offsets
         offsets = self._zero if offsets is None else offsets
         self._offsets.publish(self._codec.encode(stamp, offsets, self._zero, self._zero))
@@ -203,12 +203,12 @@ class StatusTopics:
         self.publish_factor(stamp)
 
     def begin_factor(self, stamp: int, factor: float) -> None:
-        """Publish a factor, 0 for a pause, and average anew from the time of the robot [ns]."""
+        """Publish a factor (0 for a pause), and restart the average at the time of the robot [ns]."""
         self.real_time_factor, self._factor_since = factor, (time.monotonic(), stamp)
         self._factor.publish(Float64(data=factor))
 
     def publish_factor(self, stamp: int) -> None:
-        """Publish the real-time factor when it is due, at the time of the robot [ns]; 0 where that stands still."""
+        """Publish the real-time factor, if due, at the time of the robot [ns]; 0 while that time stands still."""
         now, (since, first) = time.monotonic(), self._factor_since
         if now - since >= FACTOR_TIME:
             self.real_time_factor = (stamp - first) / NANOSECONDS / (now - since)
@@ -217,16 +217,16 @@ class StatusTopics:
             self._factor_since = (now, stamp)
 
     def publish_state(self) -> None:
-        """Publish the state of the drivers, if it has changed."""
+        """Publish the state of the drivers if it has changed."""
         if self._published != self._drivers.state:
             self._published = self._drivers.state
             self._state.publish(String(data=self._published))
 
 
 class TruthTopics:
-    """Publishers of ``ground_truth/odom``, and of ``joint_states`` and ``obstacle`` beside it while subscribed to.
+    """Publishers of ``ground_truth/odom``, and of ``ground_truth/joint_states`` and ``.../obstacle`` if subscribed to.
 
-    ``measured`` is the stamp of the newest of these states from which the range sensors have measured [ns], 0 without.
+    ``measured`` is the stamp of the newest of these states that the range sensors have measured [ns], 0 without.
     """
 
     def __init__(self, node: PoiseNode, plant: SimulatedPlant) -> None:
@@ -242,7 +242,7 @@ class TruthTopics:
         self.measured = stamp_ns(message.clock)
 
     def publish(self, stamp: int) -> None:
-        """Publish the true state and the place of the obstacle with a stamp [ns]; the joints last."""
+        """Publish the true state and the position of the obstacle with a stamp [ns]; joint states last."""
         truth = self._plant.truth
         self._odometry.publish(self._codec.encode(stamp, truth))
         centre = self._plant.obstacle.centre
@@ -261,7 +261,7 @@ SCENARIO = "faults.scenario"  #: Parameter with the faults that the service ``fa
 
 
 def declare_simulation(node: PoiseNode) -> None:
-    """Declare the parameters of ``SimulationServices``, which may be changed at any time."""
+    """Declare the parameters of ``SimulationServices``, which can be changed at any time."""
     parameter = partial(describe, read_only=False)
     for name, default, descriptor in (
         ("push.force", [0.0, 60.0, 0.0], parameter("Force of the service push, in the world [N]")),
@@ -274,16 +274,16 @@ def declare_simulation(node: PoiseNode) -> None:
 
 
 class SimulationServices:
-    """Services on the simulated world.
+    """Services of the simulated world.
 
     - ``pause``, ``hang``, ``obstacle`` (SetBool): ``hang`` lifts the robot off the floor or resets it to its start,
       while it is held or its drivers are off; ``obstacle`` places the box of the terrain at ``obstacle.place``.
-    - ``reset``, ``push``, ``faults/inject``, ``faults/clear`` (Trigger): with the present parameters ``push.*`` and
+    - ``reset``, ``push``, ``faults/inject``, ``faults/clear`` (Trigger): use the present values of ``push.*`` and
       ``faults.scenario``.
     - Topic ``push`` (WrenchStamped): force in W [N] on the body ``header.frame_id`` for ``push.duration``.
 
-    ``restart`` resets the robot to its start, or (True) hangs it up, and ends a pause; ``pause`` stops (True) or
-    resumes simulated time.
+    ``restart`` resets the robot to its start (False) or hangs it up (True), and ends a pause. ``pause`` stops (True) or
+    resumes (False) simulated time.
     """
 
     def __init__(
@@ -306,7 +306,7 @@ class SimulationServices:
         self._offer(Trigger, topics.FAULTS_CLEAR, lambda _: self._plant.faults.clear())
 
     def _offer(self, kind: Any, name: str, act: Callable[[Any], str]) -> None:
-        """A service that answers with its effect, or with the reason of the refusal."""
+        """Offer a service that responds with its effect or the reason of a refusal."""
 
         def on_call(request: Any, response: Any) -> Any:
             try:

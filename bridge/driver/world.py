@@ -1,4 +1,4 @@
-"""Several simulated robots in one world and one process, as ``run_plant`` drives them."""
+"""Several simulated robots in one world and one process, driven by ``run_plant``."""
 
 from typing import Any, Protocol
 
@@ -18,12 +18,12 @@ from models.nodes.messages import clock_message
 from models.nodes.qos import STATE
 from models.robot_model import RobotModel
 
-#: Parameters that must be the same for every driver of a world
+#: Parameters that must be equal for all drivers of a world
 SHARED = ("lockstep", "speed", "terrain", "slow_rate", "rate", "real_time")
 
 
 def robot_name(node: Any) -> str:
-    """Name of a driver's robot in the world: its namespace."""
+    """Name of a driver's robot in the world: the node's namespace."""
     return str(node.get_namespace()).strip("/")
 
 
@@ -39,11 +39,11 @@ class DrivenRobot(Paced, Protocol):
 
     @property
     def model(self) -> RobotModel:
-        """Its robot."""
+        """The robot."""
 
     @property
     def simulation(self) -> Any:
-        """Its plant."""
+        """The simulated plant."""
 
     def after_physics(self) -> None:
         """Last part of a tick."""
@@ -52,12 +52,12 @@ class DrivenRobot(Paced, Protocol):
 class DriverWorld:
     """One world and one time for several drivers, each with the topics of its robot in a namespace.
 
-    The world is built when the first driver is configured. A robot whose driver is inactive stands still; while one
-    settles after a reset, the others stand still. Time advances for all or, when one driver is paused, for none.
-    ``/clock`` without a namespace, for RViz and others that show all of them, has the same time as that of each robot.
+    The world is built when the first driver is configured. A robot with an inactive driver stands still; while a robot
+    settles after a reset, the others stand still. Time advances for all robots, or for none while a driver is paused.
+    ``/clock`` without a namespace, for RViz and other tools that show all robots, has the same time as each robot.
 
-    In lockstep the world waits for the command of every robot whose drivers accept commands; a robot that is held
-    without a mode is not waited for once another one has a mode. The driver nodes add themselves to ``drivers``.
+    In lockstep the world waits for the commands of all robots whose drivers accept commands. It does not wait for a
+    held robot without a mode once another one has a mode. The driver nodes add themselves to ``drivers``.
     """
 
     def __init__(self) -> None:
@@ -66,25 +66,25 @@ class DriverWorld:
         self._world: MujocoWorld | None = None
 
     def open(self) -> None:
-        """Start publishing ``/clock``, after rclpy and the drivers exist."""
+        """Create the publisher of ``/clock``; rclpy and the drivers must exist."""
         mute = [Parameter("start_type_description_service", value=False)]  # publishes only
         self._node = rclpy.create_node("mujoco_world", start_parameter_services=False, parameter_overrides=mute)
         self._clock = self._node.create_publisher(Clock, topics.CLOCK, STATE)
 
     def close(self) -> None:
-        """Stop publishing."""
+        """Destroy the publisher of ``/clock``."""
         self._node.destroy_node()
 
     @property
     def follows_samples(self) -> bool:
-        """Simulated robots have no clock of their own."""
+        """False: simulated robots have no clock."""
         return False
 
     sample_due = command_due = fresh = follows_samples
 
     @property
     def world(self) -> MujocoWorld:
-        """The world, built at the first call; ``ConfigError`` when drivers disagree or robots touch at the start."""
+        """The world, built at the first call; ``ConfigError`` if shared parameters differ or robots touch."""
         if self._world is None:
             first = self.drivers[0].config
             for name in SHARED:
@@ -107,12 +107,12 @@ class DriverWorld:
 
     @property
     def period(self) -> float:
-        """Real time of a tick [s]."""
+        """Real-time period of a tick [s]."""
         return self._moving[0].period
 
     @property
     def callbacks_min(self) -> int:
-        """Callbacks served in a tick, however late it is: a command for each."""
+        """Callbacks served in every tick, even a late one: one command per robot."""
         return len(self.drivers)
 
     @property
@@ -126,7 +126,7 @@ class DriverWorld:
         return bool(moving) and not any(driver.paused for driver in moving)
 
     def require_time(self, asking: DrivenRobot) -> None:
-        """``CommandError`` when another robot's pause stops the time of the one that asks."""
+        """Raise ``CommandError`` while another robot pauses the world."""
         for driver in self._moving:
             if driver.paused and driver is not asking:
                 name = robot_name(driver)
@@ -137,30 +137,30 @@ class DriverWorld:
 
     @property
     def answered(self) -> bool:
-        """Whether all drivers that accept commands have that of this tick."""
+        """Whether all drivers that accept commands have the command of this tick; at least one must accept them."""
         asked = [driver for driver in self._moving if driver.drivers.awaits_command]
         return bool(asked) and all(driver.answered for driver in asked)
 
     @property
     def free_running(self) -> bool:
-        """Whether no drivers accept commands although a robot is released."""
+        """Whether no driver accepts commands although a robot is released or hangs."""
         moving = self._moving
         return not any(d.drivers.awaits_command for d in moving) and any(d.free_running for d in moving)
 
     @property
     def behind(self) -> bool:
-        """Whether time waits for the commands of a robot."""
+        """Whether time waits for a robot's commands."""
         return any(driver.behind for driver in self._moving)
 
     def publish_tick(self, late: float) -> None:
-        """Publish the sensors of this tick of all robots, which began ``late`` after its deadline [s]."""
+        """Publish the sensors of all robots for this tick, which began ``late`` after its deadline [s]."""
         for driver in self._moving:
             driver.publish_tick(late)
         if self.tick % self._moving[0].slow_ticks == 0:
             self._publish_time()
 
     def step(self) -> None:
-        """Advance by one tick, together."""
+        """Advance all robots by one tick."""
         moving = self._moving
         for driver in moving:
             driver.drivers.act()
@@ -169,7 +169,7 @@ class DriverWorld:
             driver.after_physics()
         self.tick += 1
         for driver in self.drivers:
-            driver.tick = self.tick  # the stamps of inactive ones go on, too
+            driver.tick = self.tick  # stamps of inactive drivers advance, too
 
     def overrun(self, ticks: int) -> None:
         """Count skipped ticks."""

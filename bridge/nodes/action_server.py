@@ -1,4 +1,4 @@
-"""Node ``action_server``: long motions as ROS 2 actions, made of the topics and services of the graph."""
+"""Node ``action_server``: long motions as ROS 2 actions, based on the topics and services of the graph."""
 
 import re
 import time
@@ -35,11 +35,11 @@ STOP = "stop"
 async def track_motion(
     handle: Any, robot: RobotClient, turn: Turn, feedback: Callable[[str], None], *, planned: bool
 ) -> Outcome:
-    """Follow a requested motion by its status to its end; returns how it ended.
+    """Track a requested motion by its status until it ends; returns the outcome.
 
-    ``robot`` is cleared by ``begin`` before the goal; ``feedback`` gets ``requested`` or ``running``; ``planned`` is
-    whether the motion answers a request, and so do refusals that count. A motion that
-    cannot go on, or is cancelled, is stopped. Raises ``CommandError`` when the supervisor does not answer.
+    Call ``robot.begin`` before the goal. ``feedback`` is called with ``requested`` or ``running``. ``planned`` selects
+    the refusals that count: those with a request (True) or without one (False). A motion that cannot continue, or is
+    cancelled, is stopped. Raises ``CommandError`` when the supervisor does not answer.
     """
     timeout = robot.config.start_timeout
     deadline = time.monotonic() + timeout
@@ -54,7 +54,7 @@ async def track_motion(
             return Outcome(True, "played to its end")
         ended = newest if newest is not None and newest.state is MotionState.ENDED and running else None
         if ended is not None:
-            await robot.turn()  # the mode that ended it, and its reasons, may follow
+            await robot.turn()  # the mode that ended it, and its reasons, may arrive later
         if why := turn.ended:
             await _halt(robot)
             return Outcome(False, why)
@@ -72,7 +72,7 @@ async def track_motion(
 
 
 async def _halt(robot: RobotClient) -> str:
-    """Stop the robot and wait for it; returns the state afterwards."""
+    """Stop the robot and wait for the standstill; returns the resulting state as text."""
     if robot.stopped:
         return robot.stopped
     reply = await robot.command(STOP)
@@ -89,14 +89,14 @@ def _words(text: str) -> list[str]:
 
 
 class ExecuteMotion(Action):
-    """Plays a motion by name; ``motions`` are the known ones, for people."""
+    """Plays a motion by name; ``motions`` are the known names, for messages."""
 
     def __init__(self, robot: RobotClient, kind: Any, motions: Sequence[str]) -> None:
         super().__init__(robot, kind)
         self._motions = tuple(motions)
 
     def refusal(self, request: Any) -> Outcome | None:
-        """Refuse texts with a word of the gait or ``stop``, which the supervisor would execute."""
+        """Refuse texts with a gait word or ``stop``, which the supervisor would execute."""
         words = _words(request.motion)
         if STOP in words:
             return Outcome(False, f"'{STOP}' is not a motion; cancel the goal, or send '{STOP}' as a command")
@@ -123,14 +123,14 @@ class ExecuteMotion(Action):
 
 
 class FollowJointTrajectory(Action):
-    """Has the balance controller follow a trajectory of MoveIt, published on its topic."""
+    """Executes a trajectory of MoveIt with the balance controller, by its topic."""
 
     def __init__(self, robot: RobotClient, kind: Any, model: RobotModel, publish: Callable[[Any], None]) -> None:
         super().__init__(robot, kind)
         self._model, self._publish = model, publish
 
     def refusal(self, request: Any) -> Outcome | None:
-        """Refuse unknown joints, and rename the others as in the model; the controller checks the rest."""
+        """Refuse unknown joints, and rename the others to the model's names; the controller checks the rest."""
         codes, trajectory = self._kind.Result, request.trajectory
         try:
             names = trajectory.joint_names = list(self._model.named(trajectory.joint_names))
@@ -162,7 +162,7 @@ class FollowJointTrajectory(Action):
         return Outcome(False, worst, code=codes.GOAL_TOLERANCE_VIOLATED) if worst else outcome
 
     def result(self, outcome: Outcome) -> Any:
-        """Result message of an outcome; a cancelled goal is no error, as in ros2_controllers."""
+        """Result message of an outcome; a cancelled goal is not an error, as in ros2_controllers."""
         codes = self._kind.Result
         code = codes.SUCCESSFUL if outcome.success or outcome.cancelled else outcome.code or codes.INVALID_GOAL
         return codes(error_code=code, error_string="" if outcome.success else outcome.message)
@@ -176,7 +176,7 @@ class FollowJointTrajectory(Action):
         handle.publish_feedback(message)
 
     def _outside(self, asked: Any, names: list[str]) -> str:
-        """First joint that ended outside its tolerance, with its error; empty without one."""
+        """Message for the first joint that ended outside its tolerance, with its error; empty without one."""
         posture = self._robot.posture
         last = dict(zip(names, asked.trajectory.points[-1].positions, strict=True))
         for tolerance in asked.goal_tolerance:
@@ -191,14 +191,14 @@ class FollowJointTrajectory(Action):
 
 
 class WalkTo(Action):
-    """Walks to a pose in ``odom``, which the gait planner checks; ``publish`` publishes a goal on ``goal_pose``."""
+    """Walks to a pose in ``odom``; the gait planner checks the goal, ``publish`` publishes it on ``goal_pose``."""
 
     def __init__(self, robot: RobotClient, kind: Any, publish: Callable[[Any], None]) -> None:
         super().__init__(robot, kind)
         self._publish = publish
 
     def refusal(self, request: Any) -> Outcome | None:
-        """Refuse what is no pose in ``odom``; the gait planner checks the rest."""
+        """Refuse goals that are not a pose in ``odom``; the gait planner checks the rest."""
         try:
             goal_from_message("goal", request.goal)
         except MessageError as error:
@@ -219,7 +219,7 @@ class WalkTo(Action):
         return await self._stand(outcome) if outcome else Outcome(False, "replaced by a goal of another client")
 
     async def _walk(self, handle: Any, turn: Turn) -> Outcome | None:
-        """Walk to the goal; None when another client sent a newer one, which the robot follows."""
+        """Walk to the goal; None when the robot follows a newer goal of another client."""
         robot, goal, begin = self._robot, handle.request.goal, time.monotonic()
         next_time, config, sent = begin, robot.config, 0
         while True:
@@ -249,7 +249,7 @@ class WalkTo(Action):
             await robot.turn()
 
     async def _stand(self, outcome: Outcome) -> Outcome:
-        """Stop the walk, whatever the outcome; a goal whose walk does not stop has failed."""
+        """Stop the walk after any outcome; the goal fails if the walk does not stop."""
         robot = self._robot
         if robot.mode != Mode.WALK.value:
             return outcome
@@ -270,7 +270,7 @@ FOLLOW = "joint_trajectory_controller/follow_joint_trajectory"  #: Name that Mov
 class ActionServerNode(PoiseNode):
     """Offers ``execute_motion``, ``walk_to`` and ``joint_trajectory_controller/follow_joint_trajectory``.
 
-    Its executor must await coroutines: rclpy's events executor does not.
+    Its executor must support coroutines; rclpy's events executor does not.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -281,7 +281,7 @@ class ActionServerNode(PoiseNode):
         self._motions = self.declare_parameter("motions", list(known), text).value
 
     def configure(self) -> None:
-        """Build the actions; refused without their types, with the command that builds them."""
+        """Create the actions; raises ``MessageError`` with the build command if their types are not built."""
         motion, walk = (interface("poise_interfaces", "action", name) for name in ("ExecuteMotion", "WalkTo"))
         robot = RobotClient(self, self._config)
         self._turns = Turns(robot)
@@ -300,7 +300,7 @@ class ActionServerNode(PoiseNode):
         self._turns.closed = False
 
     def deactivate(self) -> None:
-        """End the present goal and accept none."""
+        """End the present goal and accept no further ones."""
         self._turns.closed = True
 
     def _offer(self, kind: Any, name: str, action: Action) -> None:

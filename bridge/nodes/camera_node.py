@@ -1,4 +1,4 @@
-"""Node ``camera_node``: images of the simulated robot's camera, rendered beside the plant."""
+"""Node ``camera_node``: images of the simulated robot's camera, rendered in a separate process."""
 
 import ctypes.util
 import os
@@ -31,11 +31,11 @@ from models.types import Vector
 if TYPE_CHECKING:
     from bridge.plants.camera import SimulatedCamera
 
-NICENESS = 10  #: Niceness of this process: the robot's processes go first
+NICENESS = 10  #: Niceness of this process, so that the robot's processes have priority
 
 
 class CameraNode(PoiseNode):
-    """Publishes pictures of the newest true state while subscribed to; without OpenGL it reports what to install."""
+    """Publishes images of the newest true state while subscribed to; without OpenGL it reports what to install."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("camera_node", **kwargs)
@@ -70,7 +70,7 @@ class CameraNode(PoiseNode):
             camera.close()
 
     def _open(self) -> str:
-        """Build the camera; returns why it cannot, empty otherwise."""
+        """Create the camera; returns why this failed, empty on success."""
         if ctypes.util.find_library("EGL") is None:
             return GL_ADVICE
         try:
@@ -100,7 +100,7 @@ class CameraNode(PoiseNode):
         return self._camera is not None and self._images.get_subscription_count() > 0 and self._due(stamp)
 
     def _draw(self, stamp: int, q: Vector) -> None:
-        """Draw a true state with a stamp [ns]."""
+        """Render and publish an image of a true state (nq,) with a stamp [ns]."""
         if self._camera is None:
             return
         begin = time.monotonic()

@@ -1,4 +1,4 @@
-"""Estimator, gait planner and controller as three nodes in one process, the default by ``docs/graph.md``."""
+"""Estimator, gait planner and controller as three nodes in one process, the default of ``docs/graph.md``."""
 
 import sys
 from collections.abc import Callable

@@ -2,10 +2,10 @@
 
     python -m bridge.nodes.damping_guard PLANT ROBOT DOMAIN OPTIONS
 
-The class of a plant names in ``guard_process`` the function that makes the guard and its connection. The process is no
-node of the graph but has its own connection to the robot. It outlives the driver and its launcher: asked to end, or
-without its launcher, it damps a robot that was commanded for ``guard_time``. Its heartbeats are for the driver, which
-holds the robot without them, and for the launcher, which replaces a guard that is silent.
+The attribute ``guard_process`` of the plant's class names the function that creates the guard and its connection. The
+process is not a node of the graph; it has a separate connection to the robot. It outlives the driver and the launcher:
+after SIGTERM, SIGINT or the end of its launcher, an armed guard stays until the driver has been silent for
+``guard_time``. Without its heartbeats the driver holds the robot, and the launcher replaces the guard.
 """
 
 import os
@@ -26,14 +26,14 @@ from models.robot_model import RobotModel
 
 
 class BackgroundLog:
-    """Writes to stdout in another thread: the guard does not wait for a reader."""
+    """Writes to stdout in a separate thread, so that the guard does not wait for a reader."""
 
     def __init__(self) -> None:
         self._texts: queue.Queue[str] = queue.Queue(maxsize=20)
         Thread(target=self._run, daemon=True).start()
 
     def write(self, text: str) -> None:
-        """Write a line, unless too many wait."""
+        """Write a line; dropped when the queue is full."""
         with suppress(queue.Full):
             self._texts.put_nowait(f"damping_guard: {text}\n")
 
@@ -41,11 +41,11 @@ class BackgroundLog:
         while True:
             text = self._texts.get()
             with suppress(OSError):
-                os.write(1, text.encode())  # a lock of sys.stdout would be held by a terminal that was stopped
+                os.write(1, text.encode())  # a stopped terminal would hold the lock of sys.stdout
 
 
 def main(args: list[str] | None = None) -> None:
-    """Watch until SIGTERM, or until the launcher has ended, and for a while after that."""
+    """Watch until SIGTERM, SIGINT or the end of the launcher, and, if armed, for ``guard_time`` of silence after it."""
     plant, robot, domain, options = sys.argv[1:] if args is None else args
     parent = os.getppid()
     try:
@@ -62,7 +62,7 @@ def main(args: list[str] | None = None) -> None:
     realtime.use_fifo(config.guard_priority, log.write)
     due = time.monotonic()
     reported = ignored = limit = (
-        0  # interventions; foreign commands before it was armed, and since then before a report
+        0  # reported interventions; foreign commands before arming; further ones without a report
     )
     try:
         while True:

@@ -42,25 +42,25 @@ from models.nodes.spin import Stop, run
 from models.types import SensorData
 
 MUJOCO = "mujoco"  #: Name of the built-in simulated plant
-SLOW = 0.9  #: Part of the demanded speed below which the real-time factor is reported [-]
+SLOW = 0.9  #: Real-time factor, relative to the requested speed, below which it is reported [-]
 
 
 class RobotDriver(PoiseNode):
     """Publishes the sensors of every tick and passes the newest command to the plant; ``run_plant`` paces it.
 
-    The stamps of a simulated plant count its ticks, through every reset, and it has services and topics for its world.
-    Any other plant is stamped by the clock of its samples, which ``/clock`` follows: it stops with them. ``world`` is
-    shared by several simulated robots, optional.
+    The stamps of a simulated plant count its ticks and continue through resets; services and topics control its world.
+    The stamps of any other plant, and ``/clock``, follow the clock of its samples and stop with them. ``world``,
+    optional, is shared by several simulated robots.
 
     Attributes:
         config: Parameters of the node.
         lockstep: Whether the plant waits for the command of each tick.
         tick: Number of the present tick, from 1; ``restart`` does not reset it.
         paused: Whether simulated time stands still.
-        drivers: Joint drivers of the plant, from ``configure`` on.
-        period: Real time from one tick to the next [s].
+        drivers: Joint drivers of the plant; set by ``configure``.
+        period: Real time between two ticks [s].
         slow_ticks: Ticks between two messages of ``clock`` and ``ground_truth/odom``.
-        commands: Commands and modes received.
+        commands: Input of commands and modes.
     """
 
     callbacks_min = 1
@@ -78,7 +78,7 @@ class RobotDriver(PoiseNode):
         if world is not None:
             world.drivers.append(self)
         self._settled: SensorData | None = None  # published in the first tick after a restart in lockstep
-        self._late_since: dict[str, float] = {}  # of what simulated time waits for, monotonic time [s]
+        self._late_since: dict[str, float] = {}  # monotonic start of each wait of simulated time [s]
 
     def configure(self) -> None:
         config = self.config
@@ -111,8 +111,8 @@ class RobotDriver(PoiseNode):
         if isinstance(self.drivers, HardwareDrivers):
             self._start = StartServices(self, self.drivers, self._status.publish_state)
         self._answers = AnswerTimes()
-        self._sent = 0  # stamp of the newest command that a real robot has [ns]
-        self._stamp = self._published_stamp = 0  # of the newest and the last published sample [ns]
+        self._sent = 0  # stamp of the newest command sent to a real robot [ns]
+        self._stamp = self._published_stamp = 0  # stamps of the newest and the last published sample [ns]
         self._scan: ScanTopic | None = None
         if self._simulated is not None:
             self._truth = TruthTopics(self, self._simulated.plant)
@@ -149,11 +149,11 @@ class RobotDriver(PoiseNode):
         return self.drivers.plant
 
     def activate(self) -> None:
-        """Hold a simulated robot at its start and let it settle; leave any other one without torque."""
+        """Hold a simulated robot at its start and let it settle; no torque for any other robot."""
         self.restart()
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle transition; publishers are active from here on."""
+        """Lifecycle transition; publishers are active after it."""
         result = super().on_activate(state)
         self._status.publish_latched(self.model.urdf.read_text(encoding="utf-8"), self.stamp)
         return result
@@ -167,9 +167,9 @@ class RobotDriver(PoiseNode):
             self._probe.save(Path(self.config.latency_file))
 
     def restart(self, hanging: bool = False) -> None:
-        """Apply the newest calibration; reset a simulated robot to its start, or hang it up. Stamps go on.
+        """Apply the newest calibration; reset a simulated robot to its start, or hang it up. Stamps continue.
 
-        A pause of this driver ends. ``CommandError`` when another robot is in its place: then nothing changes.
+        Ends a pause of this driver. Raises ``CommandError``, without an effect, if another robot is in its place.
         """
         offsets = self._calibration.read().encoder_offsets
         if self._simulated is not None:
@@ -182,7 +182,7 @@ class RobotDriver(PoiseNode):
         self._status.publish_start(self.stamp)
 
     def _restart_on_request(self, hanging: bool) -> None:
-        """As ``restart``; ``CommandError`` also while another robot pauses the world: the robot would not stand up."""
+        """As ``restart``; ``CommandError`` also while another robot pauses the world, as the robot could not settle."""
         if self._world is not None:
             self._world.require_time(self)
         self.restart(hanging)
@@ -199,12 +199,12 @@ class RobotDriver(PoiseNode):
 
     @property
     def answered(self) -> bool:
-        """Whether the drivers have the command of this tick, or none is due: no sensors published, or a fault."""
+        """Whether the drivers have the command of this tick, or none is due: sensors not published or corrupted."""
         return self.commands.stamp == self.stamp or not self._sensing or self.simulation.faults.corrupted
 
     @property
     def follows_samples(self) -> bool:
-        """Whether ticks begin with the samples of a real robot."""
+        """Whether the samples of a real robot trigger the ticks."""
         return self._start is not None
 
     @property
@@ -214,7 +214,7 @@ class RobotDriver(PoiseNode):
 
     @property
     def command_due(self) -> bool:
-        """Whether a command has come that the drives do not have yet, or none is awaited."""
+        """Whether a command has arrived that was not sent to the drives yet, or none is awaited."""
         return not self.drivers.awaits_command or self.commands.stamp > self._sent
 
     @property
@@ -224,10 +224,10 @@ class RobotDriver(PoiseNode):
 
     @property
     def behind(self) -> bool:
-        """Whether simulated time waits: something answers an old state, and the longest wait is not over.
+        """Whether simulated time waits for the command, the supervisor or the simulated range sensors.
 
-        That is the command, the supervisor or the simulated range sensors. Each is waited for on its own: without a
-        supervisor, commands are still waited for. Faults of the sensors make no time wait.
+        Time waits while one of them refers to a state older than its bound, for at most ``yield_max``. The three waits
+        are independent: without a supervisor, time still waits for commands. Faults of the sensors cause no wait.
         """
         if self._simulated is None or self.config.real_time != "yield":
             return False
@@ -253,7 +253,7 @@ class RobotDriver(PoiseNode):
 
     @property
     def free_running(self) -> bool:
-        """Whether the drivers accept no commands although the robot is released, or hangs."""
+        """Whether the drivers accept no commands although the robot is released or hangs."""
         return self.drivers.state != topics.HELD and not self.drivers.awaits_command
 
     def _pause(self, paused: bool) -> None:
@@ -299,7 +299,7 @@ class RobotDriver(PoiseNode):
         self.after_physics()
 
     def after_physics(self) -> None:
-        """Last part of a tick, after the world has advanced."""
+        """Last part of a tick, after the physics."""
         if self._simulated is not None:
             self._simulated.after_physics()
         self._settled = None
@@ -346,7 +346,7 @@ class RobotDriver(PoiseNode):
 
 
 def _ticks_between(rate: float, period: float) -> int:
-    """Ticks (period [s]) between samples at a rate [Hz]; ``ConfigError`` unless the rate divides that of the ticks."""
+    """Ticks of a period [s] between samples at a rate [Hz]; ``ConfigError`` unless the rate divides the tick rate."""
     ticks = round(1.0 / (rate * period))
     if ticks < 1 or abs(ticks * rate * period - 1.0) > 1e-6:  # 1e-6: rounding of the quotient
         raise ConfigError(f"sensor_rate: the tick rate {1.0 / period:.0f} Hz is no multiple of {rate:g} Hz")
@@ -354,7 +354,7 @@ def _ticks_between(rate: float, period: float) -> int:
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node, or several in one world whose namespaces are the arguments of the command line."""
+    """Run one node, or several nodes in one world; the command line arguments are then their namespaces."""
     given = list(sys.argv if args is None else args)
     names = remove_ros_args(given)[1:]
     if not names:
