@@ -10,7 +10,7 @@ from models.errors import JointNameError
 from models.robot_model import RobotModel
 from models.types import Vector
 
-_STREAM = 7  # of random numbers, apart from that of the sensor noise
+_STREAM = 7  # random stream, separate from the sensor noise
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -1,7 +1,7 @@
 """LowState and RemoteControllerState to sensor data and buttons, joint commands to LowCmd.
 
-The messages have no checksum, no time and no reserved words. The time is taken from DDS (``Stamped``). Of the two sets
-of ankle motors, parallel (cranks) and serial (pitch and roll), the serial one is read and commanded. A motor's
+The messages have no checksum, no time and no reserved words. The time is taken from DDS (``Stamped``). Ankles have a
+parallel set of motors (cranks) and a serial one (pitch and roll); the serial set is read and commanded. A motor's
 ``weight`` has no effect in mode ``custom``, in which the robot executes LowCmds. The weights of the first motors
 therefore encode the sender: a byte n is the weight 1 - n ``WEIGHT_STEP``.
 """
