@@ -224,7 +224,7 @@ class SimulatedDrivers(Drivers):
 
     @property
     def movable(self) -> bool:
-        """Whether the crane may lift or lower the robot: in mode off while held, or with the servo off."""
+        """Whether the crane may lift or lower the robot: in mode off, if it is held or the servo is off."""
         return self._mode is Mode.OFF and (self.plant.held or self.servo.state is ServoState.OFF)
 
     def set_mode(self, mode: Mode) -> None:
