@@ -1,1 +1,1 @@
-"""The robot: profiles, the loader, state types, frames and errors."""
+"""Robot description: profiles, model loader, state types, frames and errors."""

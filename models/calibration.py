@@ -1,4 +1,4 @@
-"""Calibration of one robot's sensors: corrections, and which are plausible (``models/config/calibration.yaml``)."""
+"""Sensor calibration of one robot: corrections and their plausible limits (``models/config/calibration.yaml``)."""
 
 from __future__ import annotations
 
@@ -19,38 +19,38 @@ from models.types import JointCommand, Matrix, SensorData, Vector
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Calibration:
-    """Corrections of the sensors of one robot."""
+    """Sensor corrections of one robot."""
 
     robot: str
     gyro_bias: Vector  # measured minus true angular rate, in the frame of the IMU (3,) [rad/s]
-    accel_bias: Vector  # measured minus true specific force, in the same frame (3,) [m/s^2]
+    accel_bias: Vector  # measured minus true specific force, in the frame of the IMU (3,) [m/s^2]
     encoder_offsets: Vector  # measured minus true joint positions (nj,) [rad]
-    wrench_offsets: Matrix  # readings without load, in the sole frame (2, 6) [N, N.m]
-    force_gains: Vector  # true over measured normal force of each foot, offset removed (2,) [-]
+    wrench_offsets: Matrix  # unloaded readings, in the sole frame (2, 6) [N, N.m]
+    force_gains: Vector  # ratio of true to measured normal force of each foot, offset removed (2,) [-]
     stamps: tuple[tuple[str, str], ...] = ()  # of the last calibration of 'imu', 'joints', 'feet', ISO 8601
 
     @classmethod
     def none(cls, model: RobotModel) -> Calibration:
-        """The calibration of a robot that was never calibrated: it corrects nothing."""
+        """Calibration without corrections."""
         return cls(model.name, np.zeros(3), np.zeros(3), np.zeros(model.nj), np.zeros((2, 6)), np.ones(2))
 
     def without_joints(self) -> Calibration:
-        """The corrections that remain when the joint drivers have corrected their encoders."""
+        """Copy without encoder offsets, for samples whose encoders the joint drivers have already corrected."""
         return replace(self, encoder_offsets=np.zeros_like(self.encoder_offsets))
 
 
 def correct_encoders(sensors: SensorData, offsets: Vector | None) -> SensorData:
-    """The part of ``apply_calibration`` for the joint drivers: q = q_m - o_q (nj,) [rad]; None for no offsets."""
+    """Part of ``apply_calibration`` for the joint drivers: q = q_m - o_q (nj,) [rad]; disabled when None."""
     return sensors if offsets is None else structs.replace(sensors, q=sensors.q - offsets)
 
 
 def encoder_command(command: JointCommand, offsets: Vector | None) -> JointCommand:
-    """The command for drives whose encoders read true positions plus ``offsets`` (nj,) [rad]; None for none."""
+    """Command for drives whose encoders read true positions plus ``offsets`` (nj,) [rad]; unchanged when None."""
     return command if offsets is None else structs.replace(command, q=command.q + offsets)
 
 
 def apply_calibration(sensors: SensorData, calibration: Calibration) -> SensorData:
-    """Correct one sample: a new one with the velocities and torques of ``sensors``; NaN stays NaN.
+    """Corrected copy of one sample; velocities and torques are unchanged, NaN stays NaN.
 
     q = q_m - o_q, w = w_m - b_w, f = f_m - b_f, W = W_m - o_W, W_z = g_z W_z
     """
@@ -69,7 +69,7 @@ def apply_calibration(sensors: SensorData, calibration: Calibration) -> SensorDa
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class CalibrationLimits:
-    """Largest plausible corrections, and how many calibration files are kept."""
+    """Maximum plausible corrections, and number of calibration files to keep."""
 
     gyro_bias: Positive  #: each axis [rad/s]
     accel_bias: Positive  #: each axis [m/s^2]
@@ -77,11 +77,11 @@ class CalibrationLimits:
     force_offset: Positive  #: each axis [N]
     torque_offset: Positive  #: each axis [N.m]
     force_gain: Fraction  #: deviation of a gain from 1 [-]
-    keep: Annotated[int, Field(ge=1, le=100)]  #: previous files that are kept [1]
+    keep: Annotated[int, Field(ge=1, le=100)]  #: number of previous files to keep [1]
 
 
 def implausible(calibration: Calibration, model: RobotModel, limits: CalibrationLimits) -> str:
-    """The first value that is not finite or beyond its limit, by name; empty when there is none."""
+    """Message about the first value that is not finite or beyond its limit; empty when there is none."""
     checks = _axes("gyro_bias", calibration.gyro_bias, limits.gyro_bias, "rad/s")
     checks += _axes("accel_bias", calibration.accel_bias, limits.accel_bias, "m/s^2")
     for name, value in zip(model.joint_names, calibration.encoder_offsets, strict=True):

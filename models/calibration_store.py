@@ -1,4 +1,4 @@
-"""The calibration file of a robot: written atomically, checked when read, with its predecessors kept."""
+"""Calibration file of a robot: written atomically, validated on reading, with previous versions kept."""
 
 import os
 from dataclasses import field, replace
@@ -19,7 +19,7 @@ from models.robot_model import RobotModel
 from models.types import Vector3
 
 DIRECTORY_VARIABLE = "POISE_CALIBRATION_DIR"  #: Environment variable that names the folder of the calibration files
-SCHEMA = 1  #: Version of the file; another one is refused
+SCHEMA = 1  #: Version of the file format; other versions are refused
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -33,14 +33,14 @@ class _Foot:
 class _File:
     schema_version: Literal[1]
     robot: str
-    written: str  #: when, ISO 8601 with a zone
+    written: str  #: time of writing, ISO 8601 with time zone
     gyro_bias: Vector3  #: [rad/s]
     accel_bias: Vector3  #: [m/s^2]
     encoder_offsets: dict[str, float]  #: of every joint, by name [rad]
     feet: dict[Literal["left", "right"], _Foot]  #: both feet
-    #: when each part was calibrated, ISO 8601
+    #: time of the calibration of each part, ISO 8601
     calibrated: dict[Literal["imu", "joints", "feet"], str] = field(default_factory=dict)
-    complete: Literal[True] | None = None  #: last line of the file: nothing is missing
+    complete: Literal[True] | None = None  #: last line of the file; marks it as complete
 
     def __post_init__(self) -> None:
         for name, stamp in (("written", self.written), *self.calibrated.items()):
@@ -57,7 +57,7 @@ class _File:
 
 
 def calibration_directory() -> Path:
-    """``$POISE_CALIBRATION_DIR``, else ``poise/calibration`` in ``$XDG_CONFIG_HOME``, else in ``~/.config``."""
+    """``$POISE_CALIBRATION_DIR``, else ``poise/calibration`` in ``$XDG_CONFIG_HOME`` or in ``~/.config``."""
     given = os.environ.get(DIRECTORY_VARIABLE)
     if given:
         return Path(given)
@@ -65,13 +65,13 @@ def calibration_directory() -> Path:
 
 
 class CalibrationStore:
-    """Reads and writes ``<folder>/<robot>.yaml``; ``.1`` is the file before it, ``.2`` the one before that.
+    """Reads and writes ``<folder>/<robot>.yaml``; suffixes ``.1``, ``.2``, ... mark previous versions, newest first.
 
-    A robot in a ROS namespace has its own file, ``<robot>.<namespace>.yaml``, so two robots of one kind share none.
-    A new file is written beside the old one, flushed to the disk, and renamed over it: after any interruption the name
-    points to a complete file.
+    In a ROS namespace the file is ``<robot>.<namespace>.yaml``, so that two robots of one type do not share a file.
+    A new file is written beside the old one, flushed to disk, and renamed over it. After any interruption the name
+    refers to a complete file.
 
-    ``directory`` is ``calibration_directory()`` when None, and created when first written to; ``namespace`` is empty or
+    ``directory`` defaults to ``calibration_directory()`` and is created by the first write; ``namespace`` is empty or
     ``/`` for none.
     """
 
@@ -82,7 +82,7 @@ class CalibrationStore:
         self._limits = default_config(CalibrationLimits, "models", "calibration")
 
     def load(self) -> tuple[Calibration, tuple[str, ...]]:
-        """The newest usable calibration, else one that corrects nothing; and why the newer files were refused."""
+        """Newest usable calibration, else one without corrections; and the reasons why newer files were refused."""
         refused: list[str] = []
         for path in self.files():
             try:
@@ -92,7 +92,7 @@ class CalibrationStore:
         return Calibration.none(self._model), tuple(refused)
 
     def files(self) -> list[Path]:
-        """Existing files, the newest first."""
+        """Existing files, newest first."""
         names = [self.path, *(self._kept(i) for i in range(1, self._limits.keep + 1))]
         return [path for path in names if path.is_file()]
 
@@ -121,9 +121,9 @@ class CalibrationStore:
         return calibration
 
     def save(self, calibration: Calibration, *, now: datetime, what: str | None = None) -> Calibration:
-        """Write a calibration, return it with the stamp ``now`` for ``what``; the present file becomes ``.1``.
+        """Write a calibration and return it with the stamp ``now`` for ``what``; the current file becomes ``.1``.
 
-        Raises ``ConfigError`` when it is for another robot or implausible, the stamp has no zone, or the disk refuses.
+        Raises ``ConfigError`` for another robot, an implausible value, a stamp without time zone, or a failed write.
         """
         if now.tzinfo is None:
             raise ConfigError("calibration: the time stamp has no time zone")
@@ -146,7 +146,7 @@ class CalibrationStore:
         return calibration
 
     def rollback(self) -> Calibration:
-        """Return to the file before the present one, kept as ``.rejected``; ``ConfigError`` when none is usable."""
+        """Restore the previous file and keep the current one as ``.rejected``; ``ConfigError`` when none is usable."""
         for path in self.files():
             if path == self.path:
                 continue
@@ -169,7 +169,7 @@ class CalibrationStore:
         return self.path.with_name(f"{self.path.name}.{age}")
 
     def _write(self, text: str) -> Path:
-        """Write a new file beside the present one and flush it to the disk."""
+        """Write a new file beside the current one and flush it to disk."""
         fresh = self.path.with_name(f".{self.path.name}.tmp")
         with fresh.open("w", encoding="utf-8") as stream:
             stream.write(text)
@@ -178,7 +178,7 @@ class CalibrationStore:
         return fresh
 
     def _shift(self) -> None:
-        """Age the kept files by one; the present one is linked, not moved, so that its name never goes missing."""
+        """Shift the suffixes of the kept files by one; the current file is linked, so that its name always exists."""
         if not self.path.is_file():
             return
         for age in range(self._limits.keep - 1, 0, -1):
@@ -195,7 +195,7 @@ class CalibrationStore:
 
 
 def _text(calibration: Calibration, model: RobotModel, stamp: str) -> str:
-    """The file's text; its last line marks it as complete."""
+    """Text of the file; the last line marks it as complete."""
     wrenches, gains = calibration.wrench_offsets.tolist(), calibration.force_gains.tolist()
     data = {
         "schema_version": SCHEMA,

@@ -1,4 +1,4 @@
-"""A pinhole camera: direction of a pixel, and pixel of a point."""
+"""Pinhole camera: direction of a pixel, and projection of a point."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from models.types import Matrix, Vector
 
 @dataclass(frozen=True, slots=True)
 class Pinhole:
-    r"""Intrinsics of a camera whose picture is rectified, in its optical frame: x right, y down, z ahead (REP-103).
+    r"""Intrinsics of a camera with rectified images, in the optical frame: x right, y down, z forward (REP-103).
 
     .. math::
         u = f x / z + c_x, \quad v = f y / z + c_y
@@ -23,11 +23,11 @@ class Pinhole:
     width: int  # [pixel]
     height: int  # [pixel]
     focal: tuple[float, float]  # focal lengths f along u and v [pixel]
-    centre: tuple[float, float]  # c on the optical axis; the middle of the first pixel is (0, 0) [pixel]
+    centre: tuple[float, float]  # principal point c; the centre of the first pixel is (0, 0) [pixel]
 
     @classmethod
     def of(cls, camera: CameraSensor | DepthSensor) -> Pinhole:
-        """The ideal camera of a profile: square pixels, the axis through the middle of the picture."""
+        """Ideal camera of a profile: square pixels, optical axis through the centre of the image."""
         focal = 0.5 * camera.width / math.tan(0.5 * camera.horizontal_fov)
         middle = 0.5 * (camera.width - 1), 0.5 * (camera.height - 1)
         return cls(camera.width, camera.height, (focal, focal), middle)
@@ -40,24 +40,24 @@ class Pinhole:
 
     @property
     def rays(self) -> Matrix:
-        """Direction of each pixel in the optical frame, row by row, with z = 1 (height width, 3)."""
+        """Direction of each pixel in the optical frame with z = 1, row by row (height * width, 3)."""
         v, u = np.indices((self.height, self.width)).reshape(2, -1)
         (fx, fy), (cx, cy) = self.focal, self.centre
         return np.column_stack([(u - cx) / fx, (v - cy) / fy, np.ones(self.width * self.height)])
 
     def project(self, point: Vector) -> Vector:
-        """Pixel (2,) that sees a point in front of the camera (3,) [m]."""
+        """Pixel (2,) of a point in front of the camera (3,) [m]."""
         pixel: Vector = np.array(self.focal) * point[:2] / point[2] + np.array(self.centre)
         return pixel
 
     def bearing(self, pixel: Vector) -> Vector:
-        """Direction of a pixel (2,): unit vector in the optical frame (3,)."""
+        """Unit vector in the optical frame (3,) along the ray of a pixel (2,)."""
         ray = np.append((pixel - np.array(self.centre)) / np.array(self.focal), 1.0)
         bearing: Vector = ray / np.linalg.norm(ray)
         return bearing
 
 
 def azimuth_elevation(bearing: Vector) -> tuple[float, float]:
-    """How far to the left and how far up of the optical axis a direction (3,) of the optical frame lies [rad]."""
+    """Azimuth (left positive) and elevation (up positive) of a direction (3,) in the optical frame [rad]."""
     x, y, z = (float(value) for value in bearing)
     return math.atan2(-x, z), math.atan2(-y, math.hypot(x, z))

@@ -1,4 +1,4 @@
-"""YAML configuration: a frozen pydantic dataclass is the schema, and every refusal names the file and the key."""
+"""YAML configuration. A frozen pydantic dataclass is the schema; every error names the file and the key."""
 
 import inspect
 import json
@@ -29,7 +29,7 @@ STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, arbitrary_
 
 
 class _UniqueKeyLoader(yaml.CSafeLoader):
-    """Safe loader that refuses a key given twice instead of keeping the last one silently."""
+    """Safe loader that refuses duplicate keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
@@ -44,7 +44,7 @@ class _UniqueKeyLoader(yaml.CSafeLoader):
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Read one YAML mapping; ``ConfigError`` when it is missing, not YAML, repeats a key or is not a mapping."""
+    """Read one YAML mapping; ``ConfigError`` for a missing file, invalid YAML, a duplicate key or another type."""
     try:
         text = path.read_bytes()
     except OSError as error:
@@ -53,7 +53,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def parse_yaml(text: str | bytes, source: str) -> dict[str, Any]:
-    """Read one YAML mapping from its text; ``source`` names it in a ``ConfigError``, raised as ``read_yaml`` does."""
+    """Parse one YAML mapping; ``source`` names it in errors. Raises ``ConfigError`` as ``read_yaml`` does."""
     try:
         data = yaml.load(text, Loader=_UniqueKeyLoader)
     except yaml.YAMLError as error:
@@ -64,7 +64,7 @@ def parse_yaml(text: str | bytes, source: str) -> dict[str, Any]:
 
 
 def parse_config(schema: type[T], data: dict[str, Any], source: str) -> T:
-    """Validate a mapping from ``source`` against a pydantic dataclass; ``ConfigError`` names every wrong key."""
+    """Validate a mapping against a pydantic dataclass; ``ConfigError`` names ``source`` and every wrong key."""
     try:
         return TypeAdapter(schema).validate_json(json.dumps(data))
     except TypeError as error:
@@ -80,25 +80,25 @@ def parse_config(schema: type[T], data: dict[str, Any], source: str) -> T:
 
 
 def refuse_unknown(data: Mapping[Any, object], known: Sequence[str], source: str) -> None:
-    """Raise ``ConfigError`` for a key of a mapping from ``source`` that is not among the known ones."""
+    """Raise ``ConfigError``, which names ``source``, for an unknown key of a mapping."""
     for key in data:
         if key not in known:
             raise ConfigError(f"{source}: unknown key '{key}'; known: {', '.join(known)}")
 
 
 def load_config(schema: type[T], path: Path) -> T:
-    """Read a YAML file and check it against its schema; raises ``ConfigError`` as the two functions above do."""
+    """Read and validate a YAML file; raises ``ConfigError`` as ``read_yaml`` and ``parse_config`` do."""
     return parse_config(schema, read_yaml(path), str(path))
 
 
 def merged(base: Mapping[Any, Any], overlay: Mapping[Any, Any]) -> dict[str, Any]:
-    """Nested mappings with the values of an overlay in place of those of the base."""
+    """Recursive merge of two mappings; values of ``overlay`` replace those of ``base``."""
     both = {key for key in base if isinstance(base[key], Mapping) and isinstance(overlay.get(key), Mapping)}
     return {**base, **overlay, **{key: merged(base[key], overlay[key]) for key in both}}
 
 
 def overlaid(config: T, overlay: Mapping[str, Any], source: str) -> T:
-    """A configuration with some of its values replaced, by nested keys; ``ConfigError`` names every wrong key."""
+    """Copy of a configuration with values replaced by nested keys; ``ConfigError`` names every wrong key."""
     if not overlay:
         return config
     return parse_config(type(config), merged(asdict(cast(Any, config)), overlay), source)
@@ -108,7 +108,7 @@ _PACKAGED: dict[tuple[type[Any], str, str], Any] = {}
 
 
 def default_config(schema: type[T], package: str, name: str) -> T:
-    """The packaged default ``<package>/config/<name>.yaml``, frozen and read once per process."""
+    """Packaged default ``<package>/config/<name>.yaml``, read once per process."""
     key = schema, package, name
     if key not in _PACKAGED:
         _PACKAGED[key] = load_config(schema, Path(str(files(package))) / "config" / f"{name}.yaml")
@@ -118,7 +118,7 @@ def default_config(schema: type[T], package: str, name: str) -> T:
 
 @cache
 def descriptions(schema: type[Any]) -> dict[str, str]:
-    """Text of the ``#:`` comment above or beside each field of a schema or its bases, by field."""
+    """``#:`` comments of the fields of a schema and its base classes, by field name."""
     found: dict[str, str] = {}
     for kind in reversed(schema.__mro__[:-1]):
         body = re.search(rf"^class {kind.__name__}\b.*?(?=^\S|\Z)", _source(kind.__module__), re.MULTILINE | re.DOTALL)

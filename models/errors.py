@@ -1,12 +1,12 @@
-"""The error tree. Errors are raised when something is built, never inside the control loop."""
+"""The error tree. Errors are raised at construction, never inside the control loop."""
 
 from difflib import get_close_matches
 from functools import lru_cache
 
 
-@lru_cache(maxsize=64)  # a stream of refused messages repeats itself
+@lru_cache(maxsize=64)  # refused messages of one stream repeat the same word
 def did_you_mean(word: str, known: tuple[str, ...]) -> str:
-    """``: did you mean 'NAME'?`` for the nearest known name; empty when none is near."""
+    """Return ``: did you mean 'NAME'?`` with the nearest known name; empty when none is near."""
     found = get_close_matches(word[:64], known, 1)
     return f": did you mean '{found[0]}'?" if found else ""
 
@@ -36,11 +36,11 @@ class TrajectoryError(PoiseError):
 
 
 class UnreachableError(PoiseError):
-    """A motion target cannot be reached; the message names the task and what stops it."""
+    """A motion target cannot be reached; the message names the task and the cause."""
 
 
 class WorkersError(PoiseError):
-    """No worker is left that can or may measure; the message names the scheduler or the worker."""
+    """No worker is available or permitted to measure; the message names the scheduler or the worker."""
 
 
 class CommandError(PoiseError):

@@ -1,4 +1,4 @@
-"""Folder of files kept from run to run, and files that get their name once they are complete."""
+"""Folders of persistent files, and files that are renamed to their final name once complete."""
 
 import os
 from pathlib import Path
@@ -11,7 +11,7 @@ from models.errors import ConfigError, PoiseError
 
 
 def user_folder(name: str, variable: str, usual: str) -> Path:
-    """``poise/<name>`` in the folder of an XDG variable or ``usual`` of the home; ``ConfigError`` without one."""
+    """``poise/<name>`` in the folder of an XDG ``variable``, else in ``~/<usual>``; ``ConfigError`` without a home."""
     given = os.environ.get(variable)
     try:
         return (Path(given) if given else Path.home() / usual) / "poise" / name
@@ -20,21 +20,21 @@ def user_folder(name: str, variable: str, usual: str) -> Path:
 
 
 def state_folder(name: str) -> Path:
-    """``poise/<name>`` in ``$XDG_STATE_HOME``, else ``~/.local/state``: files that programs write for themselves."""
+    """``poise/<name>`` in ``$XDG_STATE_HOME``, else in ``~/.local/state``: state that programs keep between runs."""
     return user_folder(name, "XDG_STATE_HOME", ".local/state")
 
 
 def open_arrays(path: Path) -> NpzFile:
-    """Open an archive of ``np.savez``; ``OSError``, or ``ValueError`` for another or an incomplete file."""
+    """Open an archive of ``np.savez``; ``OSError`` if unreadable, ``ValueError`` if incomplete or not an archive."""
     with path.open("rb") as file:
-        if not is_zipfile(file):  # NumPy would advise to unpickle it
+        if not is_zipfile(file):  # for such a file NumPy's error suggests unpickling
             raise ValueError("no NumPy archive, or an incomplete one")
     archive: NpzFile = np.load(path, allow_pickle=False)
     return archive
 
 
 def part_beside(path: Path) -> Path:
-    """Empty file beside ``path`` to write into and then to ``replace`` it; ``PoiseError`` if it cannot be written."""
+    """Create an empty file beside ``path``, to be written and renamed to it; ``PoiseError`` if that is impossible."""
     part = path.with_name(f".{path.name}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

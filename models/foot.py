@@ -1,4 +1,4 @@
-"""A foot: its sole, the joints of its leg, and what they can hold."""
+"""Foot: sole, joints of the leg, and the area in which they can hold the CoP."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import numpy as np
 from models.errors import RobotModelError
 from models.types import Matrix, Vector
 
-LENGTH, WIDTH, NORMAL = range(3)  #: Axes of a sole that a joint or a contact turns about
-_HEIGHT = 0.25  #: Joints lower than this share of the leg above the sole are the ankle's [-]
-_ALIGNED = 0.7  #: Least cosine between the axis of such a joint and that of the sole that it turns about [-]
-_RANK = 0.01  #: Singular value of a leg's Jacobian, with lengths in legs, below which it moves the sole no further [-]
+LENGTH, WIDTH, NORMAL = range(3)  #: Axes of a sole, for rotation by a joint or a contact
+_HEIGHT = 0.25  #: Maximum height of an ankle joint above the sole, over the length of the leg [-]
+_ALIGNED = 0.7  #: Minimum cosine between the axis of an ankle joint and the nearest axis of the sole [-]
+_RANK = 0.01  #: Rank tolerance: minimum singular value of a leg's Jacobian, lengths in leg lengths [-]
 
 
 class AnkleJoint(NamedTuple):
     """A joint of the ankle."""
 
-    index_v: int  #: Index of the joint, into v for a ``Foot``
-    axis: int  #: Of the sole that it turns about, ``LENGTH`` or ``WIDTH``
-    positive: bool  #: Whether the sole turns about that axis in the joint's positive sense
+    index_v: int  #: Index of the joint; for a ``Foot``, index into v
+    axis: int  #: Axis of the sole about which the joint turns it, ``LENGTH`` or ``WIDTH``
+    positive: bool  #: Whether positive joint motion turns the sole positively about that axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +33,11 @@ class Foot:
     link: str  #: Link of the URDF with the sole
     frame_id: int  #: Pinocchio frame of the sole: origin in the sole plane, x forward, z up
     rectangle: tuple[float, float, float, float]  #: Contact rectangle x_min, x_max, y_min, y_max in the sole frame [m]
-    friction: float  #: Nominal Coulomb coefficient of sole on floor [-]; a controller applies its margin
-    joint_ids_v: tuple[int, ...]  #: Indices into v of the leg's joints, from hip to foot; no other foot moves with them
-    chain_ids_v: tuple[int, ...]  #: The same of all joints between base and foot
+    friction: float  #: Nominal Coulomb coefficient of sole on floor, without the margin of a controller [-]
+    joint_ids_v: tuple[int, ...]  #: Indices into v of the joints that move only this foot, from hip to foot
+    chain_ids_v: tuple[int, ...]  #: Indices into v of all joints between base and foot
     ankle: tuple[AnkleJoint, ...]  #: Joints that turn the sole under the leg
-    free: tuple[bool, bool, bool]  #: Axes of the sole about which it turns with the leg, see ``leg_freedoms``
+    free: tuple[bool, bool, bool]  #: Axes about which the leg turns the planted sole; see ``leg_freedoms``
     bearing: tuple[float, float, float, float]  #: Part of the rectangle in which the leg can hold the CoP [m]
 
     @property
@@ -47,10 +47,10 @@ class Foot:
 
 
 def ankle_joints(columns: Matrix, indices: Sequence[int], heights: Sequence[float], leg: float) -> list[AnkleJoint]:
-    """Joints of an ankle among those of a leg.
+    """Ankle joints among the joints of a leg.
 
-    ``columns`` are those of the sole's Jacobian in its frame (6, n), ``indices`` theirs, ``heights`` of the joints
-    above the sole [m], ``leg`` that of the hip.
+    ``columns`` (6, n) are the columns of the sole's Jacobian in the sole frame, ``indices`` (n,) the joints,
+    ``heights`` (n,) their heights above the sole [m], and ``leg`` the height of the hip above the sole [m].
     """
     found = []
     for column, index, height in zip(columns.T, indices, heights, strict=True):
@@ -61,11 +61,11 @@ def ankle_joints(columns: Matrix, indices: Sequence[int], heights: Sequence[floa
 
 
 def leg_freedoms(columns: Matrix, leg: float) -> tuple[bool, bool, bool]:
-    """Axes of the sole, length, width and normal, about which a planted sole turns with the leg.
+    """Axes of the sole (length, width, normal) about which a planted sole turns with the leg.
 
-    A leg moves its sole in as many directions as its Jacobian (6, n), in the frame of the sole, has rank. A contact
-    with the ground makes up for those that are missing: the sole may turn about its length, as on an edge, else about
-    its normal. ``leg`` is the height of the hip above the sole [m]. Raises ``RobotModelError`` where neither helps.
+    The leg moves the sole in as many directions as the rank of the Jacobian ``columns`` (6, n), in the sole frame.
+    Below rank 6 the contact leaves a rotation free: about the length of the sole, as on an edge, then about its normal.
+    ``leg`` is the height of the hip above the sole [m]. Raises ``RobotModelError`` if the rank stays below 6.
     """
     reach, free = np.array(columns, dtype=float), [False, False, False]
     reach[:3] /= leg
@@ -95,12 +95,12 @@ def bearing_area(
     *,
     rolls: bool,
 ) -> tuple[float, float, float, float]:
-    r"""Part of a sole in which the ankle can hold the CoP under a normal force N.
+    r"""Part of a sole in which the ankle can hold the CoP under a normal force N (``force``) [N].
 
     .. math:: |g_j - N (J_{z} + y J_{rx} - x J_{ry})| \le \tau_{max}
 
-    for the joints j of the ``ankle``, with ``columns`` of the sole's Jacobian (6, nv), ``gravity`` (nv,) and ``limits``
-    (nv,) [N.m]; where a joint cannot hold it anywhere, the nearest line. Of a sole that ``rolls`` the middle line.
+    for the joints j of the ``ankle``, with the Jacobian of the sole ``columns`` (6, nv), ``gravity`` (nv,) [N.m] and
+    ``limits`` (nv,) [N.m]. The area is the nearest line if a joint holds it nowhere, the middle line if it ``rolls``.
     """
     sides = [list(rectangle[:2]), list(rectangle[2:])]
     for joint in ankle:
@@ -115,7 +115,7 @@ def bearing_area(
 
 
 def within(area: Sequence[float], bounds: Sequence[float]) -> tuple[float, float, float, float]:
-    """The part of a rectangle in another; along an axis where they do not meet, that of ``area`` [m]."""
+    """Intersection of two rectangles [m]; along an axis without overlap, the interval of ``area``."""
     x_min, x_max = _within(area[0], area[1], bounds[0], bounds[1])
     y_min, y_max = _within(area[2], area[3], bounds[2], bounds[3])
     return x_min, x_max, y_min, y_max
@@ -127,6 +127,6 @@ def _within(low: float, high: float, least: float, most: float) -> tuple[float, 
 
 
 def corners_of(rectangle: Sequence[float]) -> Matrix:
-    """Corners of x_min, x_max, y_min, y_max [m] in a sole frame, counter-clockwise from front left (4, 3) [m]."""
+    """Corners (4, 3) [m] of a rectangle (x_min, x_max, y_min, y_max) [m], counter-clockwise from front left."""
     x_min, x_max, y_min, y_max = rectangle
     return np.array([[x_max, y_max, 0.0], [x_min, y_max, 0.0], [x_min, y_min, 0.0], [x_max, y_min, 0.0]])

@@ -1,4 +1,4 @@
-"""Yaw of a rotation, turning by it, and frame ``base_footprint`` of REP-120."""
+"""Yaw of a rotation, rotation by a yaw, and frame ``base_footprint`` of REP-120."""
 
 import math
 
@@ -16,7 +16,7 @@ def heading(x: float, y: float, z: float, w: float) -> float:
 
 
 def turned(points: ArrayLike, yaw: float) -> Matrix:
-    """Horizontal vectors (..., 2) turned to the left by a yaw [rad]; by minus a heading, they are seen along it."""
+    """Rotate horizontal vectors (..., 2) by a yaw [rad], positive to the left; -heading gives them in that heading."""
     c, s = math.cos(yaw), math.sin(yaw)
     found: Matrix = np.asarray(points, dtype=float) @ np.array([[c, s], [-s, c]])
     return found
@@ -24,7 +24,7 @@ def turned(points: ArrayLike, yaw: float) -> Matrix:
 
 @njit(cache=True)
 def base_footprint(base: Vector, soles: Matrix) -> Vector:
-    """Footprint in B (7,): between the ``soles`` (2, 3), level with the lower one, with the yaw of B (7,)."""
+    """Footprint in B (7,): midway between ``soles`` (2, 3), at the height of the lower one, yaw of ``base`` (7,)."""
     x, y, z, w = base[3], base[4], base[5], base[6]
     px = 0.5 * (soles[0, 0] + soles[1, 0]) - base[0]
     py = 0.5 * (soles[0, 1] + soles[1, 1]) - base[1]

@@ -1,4 +1,4 @@
-"""Shapes of a robot's legs, for laws and checks that keep them apart."""
+"""Geometry of a robot's legs, for laws and checks that avoid collisions between them."""
 
 import warnings
 import xml.etree.ElementTree as ET
@@ -14,22 +14,22 @@ from models.errors import RobotModelError
 from models.robot_model import RobotModel
 from models.urdf import read_urdf, shapes_of
 
-_DRAWN = ("visual", "collision")  #: What of a link stands for its surface
-_DIRECTIONS = 200  #: Of the points of a coarse hull: within 4 mm of the hull, for a shank
-_MESHES = coal.CachedMeshLoader(coal.BV_OBBRSS)  #: Of this process with their hulls, by file
+_DRAWN = ("visual", "collision")  #: Kinds of shapes that represent the surface of a link, in order of preference
+_DIRECTIONS = 200  #: Number of directions of a coarse hull; for a shank it is within 4 mm of the exact hull [1]
+_MESHES = coal.CachedMeshLoader(coal.BV_OBBRSS)  #: Meshes of this process with their hulls, by file
 
 
 def leg_chains(robot: RobotModel) -> tuple[set[int], set[int]]:
-    """Joints that move the left, and those that move the right sole only."""
+    """Joints that move only the left sole, and joints that move only the right sole."""
     left, right = (set(robot.pin.supports[robot.pin.frames[foot.frame_id].parentJoint]) for foot in robot.feet)
     return left - right, right - left
 
 
 def leg_shapes(robot: RobotModel, *, hulls: bool = False) -> pin.GeometryModel:
-    """Shapes of all that the joints of ``leg_chains`` move, and all pairs of one shape of each leg.
+    """Geometry of the bodies moved by the joints of ``leg_chains``, and collision pairs between the two legs.
 
-    They are the visual ones of the URDF, meshes as they are or coarse convex ``hulls`` of them, and those of collision
-    where a link has no visual shape. A mesh that is not there is left out with a warning.
+    Uses the visual shapes of the URDF, or the collision shapes of a link without visual shapes. With ``hulls``, meshes
+    are replaced by coarse convex hulls. Missing meshes are skipped with a warning.
     """
     supports, sides = [set(joints) for joints in robot.pin.supports], leg_chains(robot)
     moving = {joint for joint, above in enumerate(supports) if above & (sides[0] | sides[1])}
@@ -45,7 +45,7 @@ def leg_shapes(robot: RobotModel, *, hulls: bool = False) -> pin.GeometryModel:
 
 
 def foot_size(robot: RobotModel) -> tuple[float, float]:
-    """Largest length and width [m] along a sole's axes of the boxes around what moves with it; at least of the sole."""
+    """Length and width [m] along the sole's axes of the bounding box of the foot and its sole, maximum of both feet."""
     soles, sizes = [robot.pin.frames[foot.frame_id] for foot in robot.feet], []
     geometry = body_shapes(robot.pin, robot.urdf, _DRAWN, {sole.parentJoint for sole in soles})
     for foot, frame in zip(robot.feet, soles, strict=True):
@@ -63,9 +63,9 @@ def foot_size(robot: RobotModel) -> tuple[float, float]:
 
 
 def _coarse_hull(mesh: coal.BVHModelBase) -> coal.ConvexBase:
-    """Convex hull of the outermost points of a mesh in ``_DIRECTIONS`` directions: few, as each distance reads some."""
+    """Convex hull of the extreme points of a mesh in ``_DIRECTIONS`` directions; few points keep distances fast."""
     vertices = mesh.vertices()
-    k = np.arange(_DIRECTIONS)  # along Fibonacci's spiral, which is evenly spread
+    k = np.arange(_DIRECTIONS)  # evenly spread along a Fibonacci spiral
     height, turn = 1.0 - (2.0 * k + 1.0) / _DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
     radius = np.sqrt(1.0 - height**2)
     directions = np.column_stack((radius * np.cos(turn), radius * np.sin(turn), height))
@@ -77,9 +77,9 @@ def _coarse_hull(mesh: coal.BVHModelBase) -> coal.ConvexBase:
 def body_shapes(
     robot: pin.Model, urdf: Path, kinds: Sequence[str], joints: Container[int] | None = None
 ) -> pin.GeometryModel:
-    """Shapes of the links of a URDF that some ``joints`` move, all when None; see ``shapes_of`` for ``kinds``.
+    """Shapes of the links of a URDF moved by ``joints``, all links when None; see ``shapes_of`` for ``kinds``.
 
-    A mesh that is not there is left out with a warning. Raises ``RobotModelError`` when one cannot be read.
+    Missing meshes are skipped with a warning. Raises ``RobotModelError`` when a mesh cannot be read.
     """
     root, bare = ET.Element("robot", {"name": urdf.stem}), []
     for element in read_urdf(urdf):

@@ -1,4 +1,4 @@
-"""MuJoCo's description of the robot and its floor: the URDF, and everything that a URDF cannot express."""
+"""MuJoCo specification of robot and floor: the URDF, plus everything that a URDF cannot express."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ Points = Annotated[int, Field(ge=2)]
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ContactConfig:
-    """Contact of robot and floor; units in the YAML file."""
+    """Contact between robot and floor; units in the YAML file."""
 
     corner_radius: Positive
     sole_points: tuple[Points, Points]
@@ -36,7 +36,7 @@ class ContactConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SpringConfig:
-    """Stiffness of a constraint as MuJoCo's solref; units in the YAML file."""
+    """Stiffness of a constraint (MuJoCo's solref); units in the YAML file."""
 
     time_constant: Positive
     damping_ratio: Positive
@@ -44,7 +44,7 @@ class SpringConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SceneConfig:
-    """Camera, light and floor of pictures; units in the YAML file."""
+    """Camera, light and floor of rendered images; units in the YAML file."""
 
     camera_offset: tuple[float, float, float]
     camera_height_target: float
@@ -66,17 +66,17 @@ class PlantConfig:
     scene: SceneConfig
 
 
-HOLD = "hold"  #: Name of the weld and of the mocap body that hold the robot until it is released
+HOLD = "hold"  #: Name of the weld and of the mocap body that hold the robot until its release
 ROOT_JOINT = "root_joint"  #: Name of the free joint of the base
 CAMERA = "track"  #: Name of the camera that follows the robot (only with visuals)
-OBSTACLE = "obstacle"  #: Name of the mocap body, and its box, that a terrain with an obstacle has
-WORLD_GROUP = 0  #: Group of the geoms of ground and obstacle; those of the robot are in others
-#: Group of the geoms with which a robot touches: soles, hulls, and in company what lies between the hulls
+OBSTACLE = "obstacle"  #: Name of the mocap body and of the box of an obstacle
+WORLD_GROUP = 0  #: Geom group of ground and obstacle; the robot uses other groups
+#: Geom group of the robot's collision geometry: soles, hulls and, with several robots, capsules between the hulls
 ROBOT_GROUP = 3
-_CONDIM = 4  # normal, two tangential and drilling friction
+_CONDIM = 4  # normal, two tangential and torsional friction
 _FLOOR = "floor"
-_OBSTACLE_COLOUR = (0.9, 0.45, 0.05, 1.0)  # orange, which no floor and no robot here is [-]
-_BELOW = 1.0  # how far under the lowest block the plane lies [m]
+_OBSTACLE_COLOUR = (0.9, 0.45, 0.05, 1.0)  # orange, unlike any floor or robot [-]
+_BELOW = 1.0  # depth of the plane below the lowest block [m]
 
 
 def build_spec(
@@ -89,7 +89,7 @@ def build_spec(
     terrain: Terrain,
     config: PlantConfig,
 ) -> mujoco.MjSpec:
-    """Specification of robots on one floor, their names as prefixes; ``ValueError`` when MuJoCo refuses a URDF."""
+    """Specification of robots, prefixed by their names, on one floor; ``ValueError`` when MuJoCo refuses a URDF."""
     alone = "" in robots
     world = _read(robots[""], visuals) if alone else mujoco.MjSpec()
     _set_options(world, timestep, config)
@@ -102,7 +102,7 @@ def build_spec(
             if number == 0:
                 _add_light(spec, model, config)
         if not alone:
-            _set_options(spec, timestep, config)  # attached with other options it would be refused
+            _set_options(spec, timestep, config)  # MuJoCo refuses to attach a spec with other options
             _fill_gaps(spec, model)
             _let_touch(spec, number)
             world.attach(spec, prefix=prefix(name), frame=world.worldbody.add_frame())
@@ -114,7 +114,7 @@ def build_spec(
 
 
 def prefix(name: str) -> str:
-    """Prefix of a robot's names in a world of several; empty for a robot without a name."""
+    """Prefix of a robot's names in a world of several robots; empty without a name."""
     return f"{name}/" if name else ""
 
 
@@ -133,10 +133,10 @@ def _add_robot(spec: Any, model: RobotModel, payload_kg: float, terrain: Terrain
 
 
 def _fill_gaps(spec: Any, model: RobotModel) -> None:
-    """Capsules from each hull to the one before it, so that neither an arm nor a ray of another robot slips through.
+    """Connect each hull to its predecessor by a capsule, so that no arm or ray of another robot passes between them.
 
-    The one before is on the same link or, for the first of a link, the nearest of the next link above that has hulls.
-    Capsules are fixed to the link, as the two hulls lie in the standing posture; the thinner one gives the radius.
+    The predecessor is on the same link; for the first hull of a link it is the nearest hull of the next parent with
+    hulls. The capsule is fixed to the link at the relative pose of the standing posture, with the smaller radius.
     """
     data, done = model.data(), dict[str, list[tuple[Vector, float]]]()
     pin.framesForwardKinematics(model.pin, data, model.standing_configuration())
@@ -158,10 +158,10 @@ def _fill_gaps(spec: Any, model: RobotModel) -> None:
 
 
 def _let_touch(spec: Any, number: int) -> None:
-    """Let a robot collide with the others, and still not with itself.
+    """Enable collisions of a robot with other robots, but not with itself.
 
-    Two geoms collide where the type of one is in the affinity of the other. Bit 0 is the ground's; robot k has the type
-    of bit k + 1 and affinity to all robots before it, and to the ground where it had it before.
+    Two geoms collide if the contype of one matches the conaffinity of the other. Bit 0 is the ground. Robot k has
+    contype bit k + 1 and conaffinity to all previous robots; its conaffinity to the ground is unchanged.
     """
     for geom in spec.geoms:
         if geom.group == ROBOT_GROUP:
@@ -179,12 +179,12 @@ def _set_options(spec: Any, timestep: float, config: PlantConfig) -> None:
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = config.friction_hardness
     spec.option.gravity = [0.0, 0.0, -GRAVITY]
-    # A diverged simulation must be seen, not silently set back to its start.
+    # A diverged simulation must be visible, not reset silently.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
 def _add_ground(spec: Any, terrain: Terrain, friction: float, config: PlantConfig, visuals: bool) -> None:
-    """A plane; or the blocks of a terrain, and a plane below them for what falls beside them."""
+    """Add a plane; or the blocks of a terrain, and below them a plane that catches what falls off the blocks."""
     if visuals:
         _add_material(spec, config)
     pieces = blocks(terrain)
@@ -202,7 +202,7 @@ def _add_ground(spec: Any, terrain: Terrain, friction: float, config: PlantConfi
 def _set_surface(geom: Any, terrain: Terrain, friction: float, config: PlantConfig, visuals: bool) -> None:
     contact = config.contact
     geom.contype, geom.conaffinity, geom.group = 1, 0, WORLD_GROUP
-    geom.priority = 1  # the ground's friction and stiffness count, whatever touches it
+    geom.priority = 1  # friction and stiffness of the ground apply to every contact with it
     geom.condim = _CONDIM
     geom.friction = [friction, contact.torsional_friction, contact.rolling_friction]
     geom.solref = [contact.time_constant if terrain.give is None else terrain.give, contact.damping_ratio]
@@ -260,7 +260,7 @@ def _add_frames(spec: Any, model: RobotModel) -> None:
 
 
 def _add_soles(spec: Any, model: RobotModel, config: PlantConfig, *, uneven: bool) -> None:
-    """Massless bodies hold the contact points, four on level ground: their force is the ground reaction."""
+    """Add a massless body with contact points to each foot, four on level ground; its force is the ground reaction."""
     radius = config.contact.corner_radius
     for name, foot in zip(SOLE_FRAMES, model.feet, strict=True):
         _, offset = model.frame_on_link(name)
@@ -276,7 +276,7 @@ def _add_soles(spec: Any, model: RobotModel, config: PlantConfig, *, uneven: boo
 
 
 def _sole_points(foot: Foot, count: tuple[int, int]) -> Matrix:
-    """Points round the edge of a sole, so many along its length and across, in the sole frame (k, 3) [m]."""
+    """Points on the edge of a sole in the sole frame (k, 3) [m]; ``count`` points along its length and its width."""
     x_min, x_max, y_min, y_max = foot.rectangle
     xs, ys = np.linspace(x_min, x_max, count[0]), np.linspace(y_min, y_max, count[1])
     sides = [[x, y, 0.0] for x in xs for y in (y_min, y_max)]
@@ -285,7 +285,7 @@ def _sole_points(foot: Foot, count: tuple[int, int]) -> Matrix:
 
 
 def _add_hulls(spec: Any, model: RobotModel) -> None:
-    """The profile's hulls touch the floor only, so that a fallen robot lies on it."""
+    """Add the profile's hulls; they collide with the floor only, so that a fallen robot lies on it."""
     for name, hull in model.profile.hulls.items():
         geom = spec.body(hull.link).add_geom(name=f"hull_{name}")
         if hull.start == hull.end:
@@ -297,7 +297,7 @@ def _add_hulls(spec: Any, model: RobotModel) -> None:
 
 
 def _add_obstacle(spec: Any, terrain: Terrain, box: Box, friction: float, config: PlantConfig, visuals: bool) -> None:
-    """A box that only its mocap body moves; added after the base's weld, whose mocap body is the first one."""
+    """Add a box on a mocap body; call after ``_add_base``, whose mocap body is the first one."""
     body = spec.worldbody.add_body(name=OBSTACLE, mocap=True)
     body.pos = parked(box)
     if box.place is not None:
@@ -309,7 +309,7 @@ def _add_obstacle(spec: Any, terrain: Terrain, box: Box, friction: float, config
 
 
 def parked(box: Box) -> tuple[float, float, float]:
-    """Place of an unused obstacle in W: deep below everything [m]."""
+    """Position of an unused obstacle in W: far below the ground [m]."""
     return 0.0, 0.0, -100.0 - box.size[2]
 
 
@@ -324,7 +324,7 @@ def _add_payload(spec: Any, model: RobotModel, mass: float, config: PlantConfig)
 
 def _add_camera(spec: Any, model: RobotModel, config: PlantConfig) -> None:
     for mesh in spec.meshes:
-        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a mesh without volume is welcome in a picture
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # accept meshes without volume for rendering
     scene = config.scene
     offset = np.array(scene.camera_offset)
     back = offset - np.array([0.0, 0.0, scene.camera_height_target])

@@ -1,4 +1,4 @@
-"""Smooth curves through points: velocities and accelerations that are not given, and the quintics between points."""
+"""Smooth curves through points: velocities and accelerations at the points, and quintics between them."""
 
 import math
 
@@ -9,11 +9,11 @@ from models.numerics.compiled import njit, register_jitable
 from models.types import Matrix, Vector
 
 _PEAK_VELOCITY = 1.875  #: Peak of ds/du of the minimum-jerk blend
-_PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)  #: Peak of d2s/du2 for the same
+_PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)  #: Peak of d2s/du2 of the minimum-jerk blend
 
 
 def min_jerk(u: float) -> tuple[float, float, float]:
-    """Minimum-jerk blend s = 10 u^3 - 15 u^4 + 6 u^5 of u in [0, 1], ds/du and d2s/du2; both vanish at both ends.
+    """Minimum-jerk blend s = 10 u^3 - 15 u^4 + 6 u^5 for u in [0, 1], ds/du and d2s/du2; both are zero at both ends.
 
     Source: T. Flash, N. Hogan, "The coordination of arm movements", J. Neuroscience 1985, eq. (7).
     """
@@ -26,7 +26,7 @@ def min_jerk(u: float) -> tuple[float, float, float]:
 
 
 def blend_time(change: Vector, v_max: Vector, a_max: float) -> float:
-    """Shortest minimum-jerk blend: T = max_j max(1.875 |dq_j| / v_j, sqrt(5.774 |dq_j| / a)) [s]."""
+    """Minimum duration of a minimum-jerk blend: T = max_j max(1.875 |dq_j| / v_j, sqrt(5.774 |dq_j| / a)) [s]."""
     distance = np.abs(change)
     by_velocity = float((_PEAK_VELOCITY * distance / v_max).max())
     return max(by_velocity, math.sqrt(_PEAK_ACCELERATION * float(distance.max()) / a_max))
@@ -36,7 +36,7 @@ def blend_time(change: Vector, v_max: Vector, a_max: float) -> float:
 def quintic_step(
     position: float, velocity: float, acceleration: float, end: tuple[float, float, float], left: float, dt: float
 ) -> tuple[float, float, float]:
-    """Position, velocity and acceleration after ``dt`` [s] on the quintic to ``end``, ``left`` >= dt [s] ahead."""
+    """Position, velocity, acceleration after ``dt`` [s] on the quintic that reaches ``end`` in ``left`` >= dt [s]."""
     h = left
     dp = end[0] - position - velocity * h - 0.5 * acceleration * h * h
     dv = end[1] - velocity - acceleration * h
@@ -52,7 +52,7 @@ def quintic_step(
     )
 
 
-#: Coefficients of a quintic to rest at zero, of position, velocity and acceleration at its beginning
+#: Coefficients of a quintic to rest at zero per unit of initial position, velocity and acceleration (6, 3)
 _TO_REST = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 0.5], [-10, -6, -1.5], [15, 8, 1.5], [-6, -3, -0.5]])
 
 
@@ -71,9 +71,9 @@ def fade_out(start: Matrix, t: float, time: float) -> Matrix:
 
 
 def monotone_velocities(times: Vector, q: Matrix) -> Matrix:
-    """Velocities (n, k) [rad/s] such that the cubic through the points (n, k) [rad] at times (n,) [s] overshoots none.
+    """Velocities (n, k) [rad/s] of a cubic without overshoot through the points ``q`` (n, k) [rad] at times (n,) [s].
 
-    v_i = 0 where the slopes d on both sides differ in sign, else their weighted harmonic mean
+    v_i = 0 if the slopes d on both sides differ in sign, else their weighted harmonic mean
     (w1 + w2) / (w1 / d_left + w2 / d_right), w1 = 2 T_right + T_left, w2 = T_right + 2 T_left; zero at both ends.
 
     Source: F. Fritsch, J. Butland, "A method for constructing local monotone piecewise cubic interpolants", 1984.
@@ -93,7 +93,7 @@ def monotone_velocities(times: Vector, q: Matrix) -> Matrix:
 
 
 def knot_accelerations(times: Vector, q: Matrix, v: Matrix) -> Matrix:
-    """Smaller of the accelerations of both adjacent cubics at each knot (n, k); 0 at the ends and if signs differ."""
+    """Smaller acceleration of the two adjacent cubics at each knot (n, k); 0 at the ends and if the signs differ."""
     a = np.zeros_like(q)
     lengths = np.diff(times)[:, None]  # (n - 1, 1)
     rise = 6.0 * np.diff(q, axis=0)  # (n - 1, k)
@@ -106,7 +106,7 @@ def knot_accelerations(times: Vector, q: Matrix, v: Matrix) -> Matrix:
 
 
 def quintic_coefficients(times: Vector, q: Matrix, v: Matrix) -> np.ndarray[tuple[int, int, int], np.dtype[np.float64]]:
-    """Quintics c (n - 1, 6, k) with q = sum_j c_j u^j on each segment; accelerations of ``knot_accelerations``."""
+    """Quintics c (n - 1, 6, k) with q = sum_j c_j u^j on each segment, accelerations from ``knot_accelerations``."""
     lengths = np.diff(times)[:, None]  # (n - 1, 1)
     a = knot_accelerations(times, q, v)
     rise = np.diff(q, axis=0)
@@ -126,7 +126,7 @@ def quintic_coefficients(times: Vector, q: Matrix, v: Matrix) -> np.ndarray[tupl
 def evaluate_quintic(
     coefficients: NDArray[np.float64], segment: int, u: float, length: float, curve: NDArray[np.float64]
 ) -> None:
-    """Position, velocity and acceleration at u in [0, 1] of a segment of ``length`` [s], to ``curve`` (3, k)."""
+    """Write position, velocity and acceleration at u in [0, 1] of a segment of ``length`` [s] to ``curve`` (3, k)."""
     c = coefficients[segment]
     for j in range(c.shape[1]):
         c1, c2, c3, c4, c5 = c[1, j], c[2, j], c[3, j], c[4, j], c[5, j]
@@ -135,5 +135,5 @@ def evaluate_quintic(
         curve[2, j] = (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (length * length)
 
 
-# Compiled on import and not when a motion starts on a standing robot
+# Compile on import, not when a motion starts on a standing robot
 evaluate_quintic(np.zeros((1, 6, 1)), 0, 0.0, 1.0, np.zeros((3, 1)))

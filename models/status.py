@@ -1,6 +1,6 @@
-"""Status records of the stages: input of the supervisor and the clients, within a process and between several.
+"""Status records of the stages: input of the supervisor and of clients, within one process and between processes.
 
-``models.nodes.status`` converts them to messages. Diagnostics repeat them as text for people; no program parses these.
+``models.nodes.status`` converts them to messages. Diagnostics repeat them as text for operators; no program parses it.
 """
 
 import math
@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 
 from models.types import Mode, SolveStatus
 
-#: The way back of a robot that has fallen
+#: Advice for recovery after a fall
 GET_UP = (
     "in simulation 'poise reset' puts it back on its feet; "
     "on hardware hang it from a gantry and call 'poise start prepare'"
@@ -29,10 +29,10 @@ class ControlStatus(Status, frozen=True):
     active: bool  # it publishes commands
     solve: SolveStatus  # origin of the newest command; meaningful while ``active``
     overruns: Count  # consecutive ticks over the time budget
-    joint_fault: str  # motor or encoder at fault, with figures; empty without one
-    stepping: bool = False  # it walks, or has not yet come to a standstill
-    gait_silent: bool = False  # no gait planner commands it
-    tick_median_us: float = math.nan  # of the last ticks; NaN before the first [us]
+    joint_fault: str  # faulty motor or encoder, with values; empty without a fault
+    stepping: bool = False  # the robot walks or has not yet come to a standstill
+    gait_silent: bool = False  # no command from a gait planner
+    tick_median_us: float = math.nan  # median duration of the last ticks; NaN before the first [us]
     tick_tail_us: float = math.nan  # their 99th percentile [us]
 
 
@@ -46,15 +46,15 @@ class GaitStatus(Status, frozen=True):
     """Gait planner."""
 
     ready: bool  # the robot can walk
-    settled: bool  # it stands still
-    limited: str = ""  # how the commanded velocity exceeds the limits of the gait; empty within them
-    blocked: str = ""  # why it stops at a velocity, or stands, in front of ground; empty while it does not
+    settled: bool  # the robot stands still
+    limited: str = ""  # how the commanded velocity exceeds the limits of the gait; empty within the limits
+    blocked: str = ""  # why the ground ahead stops the walk at a commanded velocity; empty while it does not
 
-    unmapped: str = ""  # why it walks without the map of the ground that it should have; empty with it
+    unmapped: str = ""  # why the walk does not use the required map of the ground; empty when it does
 
     @property
     def remarks(self) -> str:
-        """Why it does not walk as commanded, or without a map; empty while it does as it should."""
+        """Why the walk deviates from the command or does not use the map; empty otherwise."""
         return "; ".join(filter(None, (self.blocked or self.limited, self.unmapped)))
 
 
@@ -64,7 +64,7 @@ class MotionState(Enum):
     REDUCED = "reduced"  # planned, but smaller than requested; it runs next
     RUNNING = "running"
     DONE = "done"
-    ENDED = "ended"  # before its end
+    ENDED = "ended"  # ended early
     REFUSED = "refused"
 
 
@@ -72,7 +72,7 @@ class MotionStatus(Status, frozen=True):
     """Change of a motion, from the motion planner (refusals and reductions) and the controller."""
 
     state: MotionState
-    request: str = ""  # request or trajectory that it belongs to, if given
+    request: str = ""  # id of the request or trajectory, if given
     reason: str = ""  # of a refusal, a reduction or an early end
 
     def __str__(self) -> str:
@@ -92,7 +92,7 @@ class RouteStatus(Status, frozen=True):
     """Change of a walk to a goal or along given footsteps."""
 
     state: RouteState
-    footsteps: Count = 0  # number of footsteps of a route that begins
+    footsteps: Count = 0  # number of footsteps when a route begins
     reason: str = ""  # of a refusal, or of an end before the goal
 
     def __str__(self) -> str:
@@ -106,33 +106,33 @@ class SupervisorStatus(Status, frozen=True):
     robot: str  # profile of the robot
     mode: Mode
     refused: Count  # refused text commands since the start
-    refusal: str  # reason of the last one
+    refusal: str  # reason of the last refusal
     faults: tuple[str, ...]  # latched
-    holds: tuple[str, ...] = ()  # present faults that end with their cause
+    holds: tuple[str, ...] = ()  # present faults that clear when their cause ends
     preflight: tuple[str, ...] = ()  # findings of the last preflight check
-    fallen: bool = False  # the robot lies
-    motion: str = ""  # requested or under way
+    fallen: bool = False  # the robot lies on the ground
+    motion: str = ""  # requested or running motion
     answered: Count = 0  # requests and text commands answered since the start
-    answer: str = ""  # to the last one
-    locks: tuple[str, ...] = ()  # closed ones, by name: they silence sources of commands
-    obstacle: str = ""  # how an obstacle limits the walk; empty while none does
+    answer: str = ""  # answer to the last one
+    locks: tuple[str, ...] = ()  # active locks by name; they block sources of commands
+    obstacle: str = ""  # how an obstacle limits the walk; empty without a limit
 
 
 class StartStatus(Status, frozen=True):
-    """Start and monitors of a real robot."""
+    """Start-up sequence and monitors of a real robot."""
 
-    state: str  # of ``bridge/driver/startup.py``
-    waits_for: str = ""  # what ends it; empty for nothing
-    warnings: tuple[str, ...] = ()  # of the monitors, without an effect
-    holds: tuple[str, ...] = ()  # of the monitors: no motion and no walk may begin, and a walk ends
-    values: tuple[str, ...] = ()  # newest ones of the monitors, with name and unit
-    remote: str = ""  # when the remote controller has given its last sign; empty without one
+    state: str  # state of ``bridge/driver/startup.py``
+    waits_for: str = ""  # event that ends the state; empty without one
+    warnings: tuple[str, ...] = ()  # of the monitors; no effect
+    holds: tuple[str, ...] = ()  # of the monitors; no motion or walk may start, and a running walk ends
+    values: tuple[str, ...] = ()  # latest values of the monitors, with name and unit
+    remote: str = ""  # time of the last signal of the remote controller; empty without one
 
 
 class NodeStatus(Status, frozen=True):
-    """Sign of life of a node, and its QoS mismatches: one entry of each tuple per mismatch."""
+    """Heartbeat of a node and its QoS mismatches; each tuple has one entry per mismatch."""
 
     name: str  # without namespace
-    topics: tuple[str, ...] = ()  # topics with an incompatible endpoint, as named in the node
+    topics: tuple[str, ...] = ()  # topics with an incompatible endpoint, by the names used in the node
     ends: tuple[str, ...] = ()  # kind of that endpoint, ``publisher`` or ``subscriber``
     policies: tuple[str, ...] = ()  # QoS policy that differs

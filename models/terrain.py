@@ -1,4 +1,4 @@
-"""Ground as data: tiles, slopes and stairs as blocks, and the height of the ground anywhere."""
+"""Terrain: tiles, slopes and stairs as blocks, and the ground height at any point."""
 
 import math
 from collections.abc import Mapping
@@ -16,40 +16,40 @@ from models.errors import ConfigError
 from models.types import Matrix
 
 Angle = Annotated[float, Field(gt=-0.6, lt=0.6)]
-Coordinate = TypeVar("Coordinate", float, NDArray[np.floating[Any]])  #: Of one place, or of several
+Coordinate = TypeVar("Coordinate", float, NDArray[np.floating[Any]])  #: Coordinate of one point, or of several
 
 FLAT = "flat"
-_SEAM = 1e-9  #: Blocks reach this far over their edges in the scores: no point falls between two [m]
-_DEPTH = 0.5  #: Thickness of a block [m]: nothing falls through it in one physics step
+_SEAM = 1e-9  #: Overlap of the blocks in height queries, so that no point falls between two [m]
+_DEPTH = 0.5  #: Thickness of a block, enough that nothing passes through it in one physics step [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Box:
-    """A box on the ground that can be moved about."""
+    """A movable box on the ground."""
 
     size: tuple[Positive, Positive, Positive]  # along x, y and z [m]
-    place: tuple[float, float] | None = None  # of its middle at the start, x and y in W [m]; None when out of the way
+    place: tuple[float, float] | None = None  # initial x and y of the centre in W [m]; None: parked
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Terrain:
-    """Ground on which a robot starts at the origin, on a level patch at height zero, heading along x."""
+    """Terrain; the robot starts at the origin, on a level patch at height zero, heading along x."""
 
     kind: Literal["flat", "tiles", "stones", "slope", "stairs"]  # slope: a plane; stairs: level treads
-    height: float = 0.0  # tiles, stones: uniformly random from 0 to this; stairs: rise of each, down if negative [m]
+    height: float = 0.0  # tiles, stones: uniformly random from 0 to this; stairs: rise, down if negative [m]
     size: Positive = 0.4  # edge of a tile or stone, or depth of a tread [m]
-    gap: Positive = 0.15  # between stones, half a metre deep [m]
-    count: Annotated[int, Field(ge=1)] | None = None  # stairs: rises up to a landing; None: to the end of the ground
-    landing: Positive = 1.0  # depth of that landing, behind which as many rises lead back to the level [m]
+    gap: Positive = 0.15  # width of the gaps between stones, 0.5 m deep [m]
+    count: Annotated[int, Field(ge=1)] | None = None  # stairs: rises to a landing; None: to the end of the ground
+    landing: Positive = 1.0  # depth of the landing; behind it the same number of rises leads back down [m]
     pitch: Angle = 0.0  # slope along x, up positive [rad]
-    roll: Angle = 0.0  # slope across, along y, up positive; reached gradually over ``ease`` [rad]
-    ease: Positive = 0.8  # length over which a slope across turns from level to ``roll``, in strips [m]
-    strips: Annotated[int, Field(ge=1, le=32)] = 8  # number of strips
-    patch: Positive = 0.4  # the level patch reaches this far ahead of the origin, and ``width`` behind this [m]
-    length: Positive = 12.0  # the ground reaches this far ahead [m]
-    width: Positive = 3.0  # and this far to either side [m]
-    give: Positive | None = None  # time to undo a penetration, long on soft ground; the floor's when None [s]
-    seed: Annotated[int, Field(ge=0)] = 0  # of the random heights
+    roll: Angle = 0.0  # slope along y, up positive; reached gradually over ``ease`` [rad]
+    ease: Positive = 0.8  # length of the transition from level ground to ``roll``, in strips [m]
+    strips: Annotated[int, Field(ge=1, le=32)] = 8  # number of strips of the transition [1]
+    patch: Positive = 0.4  # the level patch extends this far ahead of the origin, and ``width`` behind it [m]
+    length: Positive = 12.0  # extent of the ground ahead of the origin [m]
+    width: Positive = 3.0  # extent of the ground to each side [m]
+    give: Positive | None = None  # contact time constant, long on soft ground; that of the plant when None [s]
+    seed: Annotated[int, Field(ge=0)] = 0  # seed of the random heights
     obstacle: Box | None = None  # optional
 
     def __post_init__(self) -> None:
@@ -59,16 +59,16 @@ class Terrain:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A box of ground whose top face is walked on."""
+    """A box of ground; the robot walks on its top face."""
 
-    top: tuple[float, float, float]  # middle of the top face in W [m]
-    half: tuple[float, float]  # half its length along x and along y, measured along the face [m]
+    top: tuple[float, float, float]  # centre of the top face in W [m]
+    half: tuple[float, float]  # half lengths along x and y, measured along the face [m]
     pitch: float = 0.0  # slope of the face along x, up positive [rad]
-    roll: float = 0.0  # slope along y, up positive [rad]; a block has one of both
+    roll: float = 0.0  # slope along y, up positive [rad]; at most one of pitch and roll is nonzero
 
     @property
     def rotation(self) -> Matrix:
-        """Of the block in W (3, 3)."""
+        """Rotation of the block in W (3, 3)."""
         cp, sp, cr, sr = math.cos(self.pitch), math.sin(self.pitch), math.cos(self.roll), math.sin(self.roll)
         along = np.array([[cp, 0.0, -sp], [0.0, 1.0, 0.0], [sp, 0.0, cp]])
         across = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
@@ -77,27 +77,27 @@ class Block:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Half the extent of the top face along x and y of W, seam included [m]."""
+        """Half extents of the top face along x and y of W, including the overlap [m]."""
         return self.half[0] * math.cos(self.pitch) + _SEAM, self.half[1] * math.cos(self.roll) + _SEAM
 
     @property
     def centre(self) -> tuple[float, float, float]:
-        """Of the box in W [m]."""
+        """Centre of the box in W [m]."""
         x, y, z = np.array(self.top) - 0.5 * _DEPTH * self.rotation[:, 2]
         return float(x), float(y), float(z)
 
     @property
     def half_sizes(self) -> tuple[float, float, float]:
-        """Of the box along its own axes [m]."""
+        """Half sizes of the box along the axes of the block [m]."""
         return self.half[0], self.half[1], 0.5 * _DEPTH
 
     def height(self, x: Coordinate, y: Coordinate) -> Coordinate:
-        """Height of the plane of the top face at places, also beside the face [m]."""
+        """Height of the plane of the top face at x, y, also outside the face [m]."""
         return self.top[2] + (x - self.top[0]) * math.tan(self.pitch) + (y - self.top[1]) * math.tan(self.roll)
 
 
 def terrain_named(terrain: str | Terrain, *, seed: int | None = None) -> Terrain:
-    """The terrain itself, or by name, with another seed if one is given; ``ConfigError`` for an unknown name."""
+    """Terrain given directly or by name, with ``seed`` if not None; ``ConfigError`` for an unknown name."""
     if isinstance(terrain, str):
         known = terrains()
         if terrain not in known:
@@ -108,28 +108,28 @@ def terrain_named(terrain: str | Terrain, *, seed: int | None = None) -> Terrain
 
 @cache
 def terrains() -> Mapping[str, Terrain]:
-    """The packaged terrains by name; ``flat`` is the first."""
+    """Packaged terrains by name; ``flat`` is the first."""
     return {FLAT: Terrain(kind="flat"), **default_config(dict[str, Terrain], "models", "terrain")}
 
 
 def blocks(terrain: Terrain) -> list[Block]:
-    """The ground piece by piece; none for flat ground, which is a plane."""
+    """Blocks of the terrain; empty for flat ground, which is a plane."""
     if terrain.kind == "flat":
         return []
-    reach = terrain.patch + terrain.width  # the patch goes as far back as the ground goes sideways
+    reach = terrain.patch + terrain.width  # the patch extends backward as far as the ground extends sideways
     patch = Block((terrain.patch - 0.5 * reach, 0.0, 0.0), (0.5 * reach, terrain.width))
     return [patch, *{"tiles": _tiles, "stones": _stones, "slope": _slope, "stairs": _stairs}[terrain.kind](terrain)]
 
 
 class Ground:
-    """Height of a terrain, for scores."""
+    """Height queries on a terrain."""
 
     def __init__(self, terrain: Terrain) -> None:
         self._blocks = blocks(terrain)
         self._box = np.array([[*block.top[:2], *block.reach] for block in self._blocks]).reshape(-1, 4)
 
     def height(self, x: float, y: float) -> float:
-        """Height of the ground under a point [m]; beside the terrain, that of its lowest block."""
+        """Ground height at a point [m]; outside the terrain, height of its lowest corner."""
         if not self._blocks:
             return 0.0
         near = (np.abs(self._box[:, 0] - x) <= self._box[:, 2]) & (np.abs(self._box[:, 1] - y) <= self._box[:, 3])
@@ -158,7 +158,7 @@ def _tiles(terrain: Terrain) -> list[Block]:
 
 
 def _stones(terrain: Terrain) -> list[Block]:
-    """Rows of stones, one column in the middle, in a pit as deep as they are thick; level ground behind them."""
+    """Rows of stones with one column at y = 0, in a pit as deep as the stones are thick; level ground behind them."""
     rng, half, pitch = np.random.default_rng(terrain.seed), 0.5 * terrain.size, terrain.size + terrain.gap
     rows, columns = math.floor((terrain.length - terrain.patch) / pitch) - 1, math.floor(terrain.width / pitch)
     stones = [
@@ -190,7 +190,7 @@ def _stairs(terrain: Terrain) -> list[Block]:
 
 
 def _slope(terrain: Terrain) -> list[Block]:
-    """A ramp along x; or strips that turn to the slope across, then a plane that has it."""
+    """A ramp along x; or strips with increasing roll, followed by a plane with the full roll."""
     if terrain.pitch:
         run = terrain.length - terrain.patch
         top = terrain.patch + 0.5 * run, 0.0, 0.5 * run * math.tan(terrain.pitch)

@@ -1,4 +1,4 @@
-"""Joint trajectories: validation, and the smooth curve through the points."""
+"""Joint trajectories: validation, and smooth interpolation of the points."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
@@ -18,14 +18,14 @@ from models.types import JointTrajectory, Matrix, Vector
 
 
 class TrajectorySampler:
-    """Smooth curve through the points of a joint trajectory that has passed ``validate_trajectory``; checks nothing.
+    """Smooth curve through the points of a joint trajectory; does not validate, see ``validate_trajectory``.
 
-    On each segment of length T, with u = (t - t_i) / T, every joint follows the quintic q(u) = sum_k c_k u^k that meets
-    position, velocity and acceleration at both ends, so position, velocity and acceleration are continuous.
+    On each segment of length T, with u = (t - t_i) / T, every joint follows the quintic q(u) = sum_k c_k u^k with given
+    position, velocity and acceleration at both ends. Position, velocity and acceleration are continuous.
 
-    Velocities that the trajectory leaves out and the accelerations are those of ``models/spline.py``. A first point
-    later than t = 0 is reached from ``start_q`` (nj,) [rad] at ``start_v`` (nj,) [rad/s], at rest when None; one at t =
-    0 is replaced by ``start_q``, so that the curve never steps. Joints that the trajectory does not name hold
+    Accelerations, and velocities that the trajectory omits, come from ``models/spline.py``. If the first point is later
+    than t = 0, the curve starts at ``start_q`` (nj,) [rad] with ``start_v`` (nj,) [rad/s], at rest when None. A first
+    point at t = 0 is replaced by ``start_q``, so that the curve has no step. Joints that are not in the trajectory hold
     ``start_q``.
     """
 
@@ -47,9 +47,9 @@ class TrajectorySampler:
         """Coefficients of the powers of u on each segment (n - 1, 6, nj) [rad]."""
 
     def sample(self, t: float) -> tuple[Vector, Vector, Vector]:
-        """Position, velocity, acceleration, each (nj,), at t [s]; before 0 the start, after the end at rest."""
+        """Position, velocity, acceleration, each (nj,), at t [s]; the start before 0, at rest after the end."""
         if t >= self.duration or len(self._times) < 2:
-            # Copies, because a compiled law would compile again, in the loop, for an array that is read-only.
+            # Copies: a read-only array would trigger a compilation of the compiled law within the control loop.
             return self._end[0].copy(), self._end[1].copy(), self._end[2].copy()
         i, u, length = self._locate(t)
         curve = np.empty(self._end.shape)
@@ -57,7 +57,7 @@ class TrajectorySampler:
         return curve[0], curve[1], curve[2]
 
     def effort(self, t: float) -> Vector:
-        """Feed-forward torque, linear between points (nj,) [N.m]; zero where the trajectory gives none."""
+        """Feed-forward torque, linear between points (nj,) [N.m]; zero for a trajectory without efforts."""
         if self._efforts is None:
             rest: Vector = self._end[1]
             return rest
@@ -69,7 +69,7 @@ class TrajectorySampler:
         return blend
 
     def _locate(self, t: float) -> tuple[int, float, float]:
-        """Segment, normalised time in it and its length [s]."""
+        """Index of the segment, normalised time in it, and its length [s]."""
         i = max(bisect_right(self._times, t) - 1, 0)
         length = self._times[i + 1] - self._times[i]
         return i, max((t - self._times[i]) / length, 0.0), length
@@ -78,7 +78,7 @@ class TrajectorySampler:
 def fill_points(
     traj: JointTrajectory, columns: NDArray[np.intp], nj: int, start_q: Vector, start_v: Vector | None
 ) -> tuple[Vector, Matrix, Matrix, Matrix | None]:
-    """Times (m,), positions, velocities and torques, if any, (m, nj), after a lead-in from ``start_q`` if needed."""
+    """Times (m,), positions, velocities and optional torques (m, nj), with a lead-in from ``start_q`` if needed."""
     lead_in = int(traj.times[0] > 0.0)
     m = len(traj.times) + lead_in
     times = np.zeros(m)
@@ -106,13 +106,13 @@ def fill_points(
 class TrajectoryLimits:
     """Schema of ``models/config/trajectory.yaml``."""
 
-    points_max: Annotated[int, Field(gt=0)]  #: most points in one trajectory [1]
-    start_jump: Positive  #: largest step from the joint to the first point [rad]
-    position_tolerance: NonNegative  #: points outside the joint limits by at most [rad]
-    overshoot_tolerance: NonNegative  #: curve outside the joint limits by at most [rad]
-    velocity_tolerance: NonNegative  #: share of the velocity limit allowed on top [1]
-    effort_tolerance: NonNegative  #: share of the torque limit allowed on top [1]
-    checks_per_segment: Count  #: instants checked between two points [1]
+    points_max: Annotated[int, Field(gt=0)]  #: maximum number of points in one trajectory [1]
+    start_jump: Positive  #: maximum step from the joint position to the first point [rad]
+    position_tolerance: NonNegative  #: maximum excess of a point over the joint limits [rad]
+    overshoot_tolerance: NonNegative  #: maximum excess of the curve over the joint limits [rad]
+    velocity_tolerance: NonNegative  #: allowed relative excess over the velocity limit [1]
+    effort_tolerance: NonNegative  #: allowed relative excess over the torque limit [1]
+    checks_per_segment: Count  #: number of checks of the curve between two points [1]
 
 
 def validate_trajectory(
@@ -123,14 +123,14 @@ def validate_trajectory(
     start_v: Vector | None = None,
     elapsed: float = 0.0,
 ) -> None:
-    """Refuse a trajectory that the robot must not execute.
+    """Validate a trajectory for execution on the robot.
 
-    It starts at ``start_q`` (nj,) [rad], which is ``elapsed`` seconds old, with ``start_v`` [rad/s]; without
-    ``start_q`` the points alone are checked.
+    The trajectory starts at ``start_q`` (nj,) [rad] with ``start_v`` (nj,) [rad/s]; ``elapsed`` is the age of
+    ``start_q`` [s]. Without ``start_q`` only the points are checked.
 
-    Raises ``JointNameError`` for a joint that is unknown or named twice, and ``TrajectoryError`` for a wrong shape, too
-    few or too many points, NaN or infinity, times that are negative or do not increase, a point or the curve between
-    points outside position, velocity or torque limits, or a start jump; the message names field, point and joint.
+    Raises ``JointNameError`` for an unknown or duplicate joint, and ``TrajectoryError`` for a wrong shape, too few or
+    too many points, NaN or infinity, times that are negative or do not increase, a point outside position, velocity or
+    torque limits, a curve outside position or velocity limits, or a start jump; the message names field, point, joint.
     """
     check = _Check(traj, model)
     check.shapes()
@@ -143,7 +143,7 @@ def validate_trajectory(
 
 
 class _Check:
-    """Checks of one trajectory, which raise; ``columns`` is the joint of each of its columns (k,)."""
+    """Checks of one trajectory; each raises on failure. ``columns`` is the joint index of each column (k,)."""
 
     def __init__(self, traj: JointTrajectory, model: RobotModel) -> None:
         self.traj, self.model, self.columns = traj, model, _check_names(traj, model)
@@ -208,7 +208,7 @@ class _Check:
         )
 
     def curve(self, start_q: Vector, start_v: Vector | None) -> None:
-        """Position and velocity limits of the sampled curve between the points."""
+        """Check the sampled curve between the points against position and velocity limits."""
         traj, model, columns = self.traj, self.model, self.columns
         times, q, v, _ = fill_points(traj, columns, model.nj, np.asarray(start_q, dtype=np.float64), start_v)
         if len(times) < 2:
@@ -222,7 +222,7 @@ class _Check:
         velocity = np.abs(slopes @ c).max(axis=1) / np.diff(times)[:, None]  # (n - 1, k)
         tol = self.limits.overshoot_tolerance
         low, high = model.q_lower[columns] - tol, model.q_upper[columns] + tol
-        inside = start_q[columns]  # a joint that already is outside may come back in
+        inside = start_q[columns]  # a joint that starts outside may return
         low, high = np.minimum(low, inside - tol), np.maximum(high, inside + tol)
         outside: NDArray[np.bool_] = np.any((position < low) | (position > high), axis=1)  # (n - 1, k)
         self.refuse(outside, lambda i, k: f"the curve after this point leaves [{low[k]:g}, {high[k]:g}] rad", first)
@@ -245,7 +245,7 @@ class _Check:
 
 
 def _check_names(traj: JointTrajectory, model: RobotModel) -> NDArray[np.intp]:
-    """Column of each named joint (k,); raises ``JointNameError`` or, when no joint is named, ``TrajectoryError``."""
+    """Joint index of each column (k,); raises ``JointNameError``, or ``TrajectoryError`` without any joint name."""
     if not traj.joint_names:
         raise TrajectoryError("joint_names: empty")
     columns = np.array([model.joint_index(name) for name in traj.joint_names], dtype=np.intp)
@@ -266,7 +266,7 @@ def _fields(traj: JointTrajectory) -> Iterator[tuple[str, Matrix]]:
 
 
 def thin(trajectory: JointTrajectory, points_max: int) -> JointTrajectory:
-    """Every n-th point of a dense trajectory and the last, at most ``points_max`` (2 or more)."""
+    """Keep every n-th point of a dense trajectory and the last, at most ``points_max`` (2 or more)."""
     count = len(trajectory.times)
     if count <= points_max:
         return trajectory

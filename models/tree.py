@@ -1,7 +1,7 @@
-"""Kinematics of the whole robot for compiled laws: Pinocchio's tree read once, walked by one kernel.
+"""Kinematics of the whole robot for compiled laws: Pinocchio's tree as a structured array.
 
-Laws that need every body on every tick (posture reference, sole poses, generalised momentum) walk the tree inside
-their kernel. A structured array costs a kernel as little as one plain array.
+Laws that need every body on every tick (posture reference, sole poses, generalised momentum) traverse the tree inside
+their kernel. Passing a structured array to a kernel costs as little as passing one plain array.
 """
 
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ from models.numerics.so3 import multiply, rotate
 
 Array = NDArray[np.float64]
 
-#: Records of ``BODY``, one a body (nj + 1,); body 0 is the base, body n + 1 is moved by joint n
+#: Records of ``BODY``, one per body (nj + 1,); body 0 is the base, joint n moves body n + 1
 KinematicTree = NDArray[np.void]
-#: Body and the joint that moves it: index of the parent body; rotation R of the joint frame at zero in the parent, ``R
-#: [axis]x``, ``R [axis]x [axis]x`` and the frame's origin [m]; axis in the joint frame; mass [kg], CoM in the body's
-#: frame [m], inertia about the CoM [kg.m^2]. The body's rotation in its parent at q is R + sin q swing + (1 - cos q)
-#: bend.
+#: Body and its joint: index of the parent body; rotation R of the joint frame in the parent at q = 0; swing = R
+#: [axis]x; bend = R [axis]x [axis]x; origin of the joint frame in the parent [m]; axis in the joint frame; mass [kg];
+#: CoM in the body frame (lever) [m]; inertia about the CoM [kg.m^2]. The rotation of the body in its parent at q is
+#: R + sin q swing + (1 - cos q) bend.
 BODY = np.dtype(
     [
         ("parent", np.int64),
@@ -36,12 +36,12 @@ BODY = np.dtype(
     ]
 )
 TreeFrames = NDArray[np.void]  #: Records of ``FRAME`` (k,)
-#: Operational frame: index of its body, pose in the body
+#: Operational frame: index of the body, and pose in the body frame
 FRAME = np.dtype([("body", np.int64), ("rotation", np.float64, (3, 3)), ("translation", np.float64, 3)])
 
 
 def read_tree(model: pin.Model) -> KinematicTree:
-    """Tree of a robot with a free flyer; RobotModelError names a joint that is not revolute."""
+    """Tree of a robot with a free flyer; ``RobotModelError`` names a joint that is not revolute."""
     tree = np.zeros(model.njoints - 1, dtype=BODY)
     for body, inertia in zip(tree, list(model.inertias)[1:], strict=True):
         body["mass"], body["lever"], body["inertia"] = inertia.mass, inertia.lever, inertia.inertia
@@ -58,7 +58,7 @@ def read_tree(model: pin.Model) -> KinematicTree:
 
 
 def read_frames(model: pin.Model, frame_ids: Sequence[int]) -> TreeFrames:
-    """Read operational frames off Pinocchio's model."""
+    """Read operational frames from Pinocchio's model."""
     result = np.zeros(len(frame_ids), dtype=FRAME)
     for record, frame in zip(result, (model.frames[frame_id] for frame_id in frame_ids), strict=True):
         placement = frame.placement
@@ -69,7 +69,7 @@ def read_frames(model: pin.Model, frame_ids: Sequence[int]) -> TreeFrames:
 
 @njit(cache=True)
 def place_bodies(tree: KinematicTree, joints: Array, rotations: Array, origins: Array) -> None:
-    """Forward kinematics: rotations (nj + 1, 3, 3), origins (nj + 1, 3) [m]; the first ones are given."""
+    """Forward kinematics: rotations (nj + 1, 3, 3), origins (nj + 1, 3) [m]; index 0 (the base) is an input."""
     turn, step = np.empty((3, 3)), np.empty(3)
     for body in range(1, tree.shape[0]):
         record = tree[body]
@@ -85,7 +85,7 @@ def place_bodies(tree: KinematicTree, joints: Array, rotations: Array, origins: 
 
 @njit(cache=True)
 def place_frame(frames: TreeFrames, k: int, rotations: Array, origins: Array, rotation: Array, position: Array) -> None:
-    """Pose of frame k, (3, 3) and (3,) [m], from the placed bodies."""
+    """Write the pose of frame k, (3, 3) and (3,) [m]; requires ``place_bodies``."""
     frame, step = frames[k], np.empty(3)
     body = frame.body
     multiply(rotations[body], frame.rotation, rotation)

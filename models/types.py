@@ -1,11 +1,11 @@
-"""State types shared by every law: frozen records of float64 arrays.
+"""State types shared by all laws: frozen records of float64 arrays.
 
-Those that every tick creates are structs of msgspec, five times faster than a frozen dataclass;
+Types created on every tick are msgspec structs, which are five times faster than frozen dataclasses;
 ``msgspec.structs.replace`` copies one with other values.
 
 Conventions: SI units and radians; quaternions xyzw; W is the world (odom) frame, B the floating base, S a sole.
 Joint vectors follow ``RobotModel.joint_names``; feet follow ``RobotModel.feet`` (left, right). Six-vectors are
-linear, then angular. Receivers never write to the arrays of these types.
+linear, then angular. The arrays are read-only by convention.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STILL: Velocity = (0.0, 0.0, 0.0)
 
 
 class SensorData(Struct, frozen=True):
-    """One sample of all sensors of the robot."""
+    """One sample of all sensors."""
 
     t: float  # measurement stamp on the robot's clock [s]
     q: Vector  # joint positions (nj,) [rad]
@@ -34,7 +34,7 @@ class SensorData(Struct, frozen=True):
     tau: Vector  # measured joint torques (nj,) [N.m]
     gyro: Vector  # angular velocity of the IMU in the IMU frame (3,) [rad/s]
     accel: Vector  # specific force at the IMU in the IMU frame (3,) [m/s^2]; +g along up at rest (REP-145)
-    wrenches: Matrix  # ground reaction on each foot, in its sole frame at its origin (2, 6) [N, N.m]
+    wrenches: Matrix  # ground reaction on each foot, in the sole frame at the sole origin (2, 6) [N, N.m]
 
 
 class ContactState(Struct, frozen=True):
@@ -52,7 +52,7 @@ class RobotState(Struct, frozen=True):
     v: Vector  # base twist in B, linear then angular (6), joints (nj) [m/s, rad/s]
     tau: Vector  # measured joint torques (nj,) [N.m]
     contacts: tuple[ContactState, ContactState]  # one per foot, in the order of ``FOOT_NAMES``
-    friction: float = math.inf  # Coulomb coefficient of the ground under the soles; infinite where it is not known [-]
+    friction: float = math.inf  # Coulomb coefficient of the ground under the soles; infinite when unknown [-]
 
 
 class PushEstimate(Struct, frozen=True):
@@ -61,23 +61,23 @@ class PushEstimate(Struct, frozen=True):
     force: Vector  # in W; zero inside the dead-band (3,) [N]
     moment: Vector  # about the CoM, in W; zero inside the dead-band of the force (3,) [N.m]
     active: bool  # a push is detected
-    impulse: Vector  # of the force since the push began, kept until the push is over (3,) [N.s]
+    impulse: Vector  # integral of the force since the push began, held until the push ends (3,) [N.s]
 
 
 class CentroidalState(Struct, frozen=True):
-    """The robot as one body, in W."""
+    """Centroidal state of the robot, in W."""
 
     com: Vector  # (3,) [m]
     com_velocity: Vector  # (3,) [m/s]
     angular_momentum: Vector  # about the CoM (3,) [kg.m^2/s]
-    dcm: Vector  # divergent component of motion above the lower sole, x and y (2,) [m]
+    dcm: Vector  # divergent component of motion relative to the height of the lower sole, x and y (2,) [m]
     zmp: Vector  # of the low-passed sole wrenches, at the height of the lower sole, x and y (2,) [m]
 
 
 class Reference(Struct, frozen=True):
     """Reference of the whole-body controller at one instant.
 
-    Valid for that tick: the next tick may overwrite the arrays of soles and posture.
+    Valid for one tick: the next tick may overwrite the arrays of soles and posture.
     """
 
     com: Vector  # in W (3,) [m]
@@ -88,22 +88,22 @@ class Reference(Struct, frozen=True):
     posture: Vector  # joint positions (nj,) [rad]
     posture_velocity: Vector  # (nj,) [rad/s]
     posture_acceleration: Vector  # (nj,) [rad/s^2]
-    sole_rotations: NDArray[np.float64]  # of each sole in W, the foothold in contact or the swing reference (2, 3, 3)
+    sole_rotations: NDArray[np.float64]  # of each sole in W: foothold in contact, else swing reference (2, 3, 3)
     sole_positions: Matrix  # likewise (2, 3) [m]
     sole_velocities: Matrix  # spatial, world-aligned at the sole (2, 6) [m/s, rad/s]
     sole_accelerations: Matrix  # world-aligned at the sole (2, 6) [m/s^2, rad/s^2]
     contacts: tuple[bool, bool] = (True, True)  # each foot is planned to bear load
-    load: tuple[float, float] = (1.0, 1.0)  # allowed share of each foot's largest force, in the ratio of the loads [-]
-    load_alone: float = 0.0  # least share of the weight on a foot that bears alone [-]
-    dcm: Vector | None = None  # in W, x and y (2,) [m]; None where the CoM is the reference (standing)
-    dcm_velocity: Vector | None = None  # (2,) [m/s]; None where ``dcm`` is
+    load: tuple[float, float] = (1.0, 1.0)  # allowed share of each foot's maximum force, in the ratio of the loads [-]
+    load_alone: float = 0.0  # minimum share of the weight on the foot in single support [-]
+    dcm: Vector | None = None  # in W, x and y (2,) [m]; None when the CoM is the reference (standing)
+    dcm_velocity: Vector | None = None  # (2,) [m/s]; None when ``dcm`` is None
     heading_rate: float = 0.0  # of base and torso about the vertical [rad/s]
     cmp_offset: Vector | None = None  # CMP minus CoP for the angular momentum of the swing leg, in W (2,) [m]; optional
     sole_areas: Matrix | None = None  # bearing rectangle of each sole (x_min, x_max, y_min, y_max) [m]; None: whole
-    momentum: float = 1.0  # allowed share of the largest distance of the CMP beyond the edge of the support [-]
+    momentum: float = 1.0  # allowed share of the maximum distance of the CMP beyond the edge of the support [-]
     stiffness: float = 1.0  # share of the stiff gains of stepping; 0 in an undisturbed slow walk [-]
-    urgent: bool = False  # the step has to catch a robot that was disturbed
-    levels: tuple[float, float] = (0.0, 0.0)  # of the ground under the CoM and of the ZMP over the bearing sole(s) [m]
+    urgent: bool = False  # the step recovers from a disturbance
+    levels: tuple[float, float] = (0.0, 0.0)  # heights: ground under the CoM, ZMP over the bearing sole(s) [m]
 
 
 class JointCommand(Struct, frozen=True):
@@ -115,24 +115,24 @@ class JointCommand(Struct, frozen=True):
     q: Vector  # (nj,) [rad]
     v: Vector  # (nj,) [rad/s]
     tau: Vector  # feed-forward (nj,) [N.m]
-    kp: Vector | None = None  # (nj,) [N.m/rad]; of the robot's profile when None
-    kd: Vector | None = None  # (nj,) [N.m.s/rad]; of the robot's profile when None
+    kp: Vector | None = None  # (nj,) [N.m/rad]; from the robot's profile when None
+    kd: Vector | None = None  # (nj,) [N.m.s/rad]; from the robot's profile when None
 
     @classmethod
     def torque(cls, tau: Vector) -> JointCommand:
-        """Torques (nj,) [N.m] alone."""
+        """Command of torques (nj,) [N.m] only."""
         zero = np.zeros_like(tau)
         return cls(zero, zero, tau, zero, zero)
 
 
 class SolveStatus(Enum):
-    """How the command of one tick came about."""
+    """Origin of the command of one tick."""
 
     OPTIMAL = "optimal"
-    RELAXED = "relaxed"  # infeasible as posed; solved with softened limits in the same tick
-    FALLBACK_SOLVER = "fallback_solver"  # the first solver's answer failed its KKT check; the second one's passed
-    HELD = "held"  # no usable answer: the previous torques were repeated
-    DAMPED = "damped"  # no usable answer for too long: damping only
+    RELAXED = "relaxed"  # infeasible; solved with softened limits in the same tick
+    FALLBACK_SOLVER = "fallback_solver"  # the first solver failed the KKT check; the second passed it
+    HELD = "held"  # no usable solution: previous torques repeated
+    DAMPED = "damped"  # no usable solution for too long: damping only
 
 
 class ControlResult(Struct, frozen=True):
@@ -161,7 +161,7 @@ class JointTrajectory:
 
 
 class Mode(StrEnum):
-    """What the robot is doing; see the mode machine in ``controllers/safety/supervisor.py``."""
+    """Mode of the robot; see the mode machine in ``controllers/safety/supervisor.py``."""
 
     OFF = "off"
     DAMP = "damp"
@@ -172,8 +172,8 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CommandReply:
-    """Answer to a command or mode request."""
+    """Reply to a command or mode request."""
 
     accepted: bool  # it is executed
-    reason: str  # of a refusal, or what happens now; never empty
-    details: dict[str, float] = field(default_factory=dict)  # numbers that explain the answer, by name
+    reason: str  # reason of a refusal, or the accepted action; never empty
+    details: dict[str, float] = field(default_factory=dict)  # numbers that explain the reply, by name
