@@ -1,4 +1,4 @@
-"""The state of a law, copied within a tick and restored bit for bit in a law that was built alike.
+"""State of a law, copied within a tick and restored bit for bit in a law of the same construction.
 
 A law keeps its state in arrays that compiled kernels write to, and in attributes. ``LawState`` searches a law once,
 when it has just been built, for every array that owns memory and every object of this project that can change.
@@ -35,7 +35,7 @@ _ATOMS = frozenset({bool, int, float, str, bytes, type(None)})
 _CONTAINERS = (list, dict, deque, set)  #: Containers that can change
 #: Never changed after construction, therefore not copied: a copy takes long
 _UNCHANGING = (TrajectorySampler,)
-#: Kinds of object that each tick creates again
+#: Kinds of objects that each tick recreates
 _TRANSIENT = ("builtins:method", "builtins:function")
 _OTHER_VERSION = "the state of the laws is of another version of poise, or of other libraries"
 Bytes = NDArray[np.uint8]
@@ -47,7 +47,7 @@ class Captured:
 
     memory: list[NDArray[Any]]  #: Contents of the arrays
     objects: bytes  #: Pickled contents of the changed objects by path
-    later: list[Any]  #: Copies of new arrays, and unchanging objects, that these refer to by index
+    later: list[Any]  #: Copies of new arrays, and unchanging objects; ``objects`` refers to them by index
 
 
 class _Constant(NamedTuple):
@@ -57,7 +57,7 @@ class _Constant(NamedTuple):
 
 
 class LawState:
-    """State of a law just built, without ``apart``: ``arrays`` that own memory and mutable ``objects``, by path."""
+    """State of a newly built law, except the objects ``apart``: memory-owning ``arrays`` and mutable ``objects``."""
 
     def __init__(self, law: object, apart: Collection[object] = ()) -> None:
         self.arrays: dict[str, NDArray[Any]] = {}
@@ -102,7 +102,7 @@ class LawState:
         self.found[place] = value  # the reference keeps the id valid
 
     def is_searched(self, value: Any) -> bool:
-        """Whether an object is of this project, and neither a constant nor apart."""
+        """Whether an object belongs to this project and is neither a constant nor in ``apart``."""
         kind: Any = type(value)
         return is_searched_class(kind) and id(value) not in self._apart
 
@@ -111,7 +111,7 @@ class LawState:
         return [each.copy() for each in self.arrays.values()]
 
     def capture(self, memory: list[NDArray[Any]]) -> Captured:
-        """Copy the state, the arrays into ``memory`` of ``memory()``."""
+        """Copy the state; ``memory``, from ``memory()``, receives the arrays."""
         for copy, array in zip(memory, self.arrays.values(), strict=True):
             copy[...] = array
         changed: dict[str, Any] = {}
@@ -195,7 +195,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 def _make(name: str, content: Any) -> Any:
-    """An object of this project, by its class, from its attributes; an enum from the name of its member."""
+    """Create an object of this project from class name and attributes, or an enum member from its name."""
     module, _, path = name.partition(":")
     kind: Any = import_module(module) if module.split(".", 1)[0] in PACKAGES else None
     for part in path.split("."):
@@ -231,7 +231,7 @@ def describe(law: LawState, captured: Captured) -> tuple[Bytes, dict[str, Any]]:
 
 
 def restore(law: LawState, data: Bytes, description: dict[str, Any]) -> None:
-    """Restore a state in a law like the one it was captured from; ``PoiseError`` for another version of the law."""
+    """Restore a captured state in a law of the same construction; ``PoiseError`` for another version of the law."""
     if description["arrays"] != _arrays(law):
         raise PoiseError(_OTHER_VERSION)
     objects, arrays = np.split(data, [description["objects"]])
@@ -265,7 +265,7 @@ def _assign(target: Any, contents: tuple[Any, ...]) -> None:
 
 
 def _resolve(value: Any, old: Any) -> Any:
-    """The restored value, or the present one of a constant."""
+    """Restored value, or the current value of a constant."""
     if not isinstance(value, _Constant):
         return value
     if old is None and value.kind not in _TRANSIENT:
@@ -294,7 +294,7 @@ def _values(content: Any) -> Any:
 
 
 def owner(array: NDArray[Any]) -> NDArray[Any]:
-    """The array that owns the memory of another one."""
+    """Array that owns the memory of ``array``."""
     while isinstance(array.base, np.ndarray):
         array = array.base
     return array
@@ -302,7 +302,7 @@ def owner(array: NDArray[Any]) -> NDArray[Any]:
 
 @cache
 def is_searched_class(kind: Any) -> bool:
-    """Whether objects of a class are of this project, and neither a robot nor a node."""
+    """Whether a class belongs to this project and is neither a constant, an enum nor part of a ROS node."""
     ours = kind.__module__.split(".", 1)[0] in PACKAGES and ".nodes" not in kind.__module__
     return ours and not issubclass(kind, (*_CONSTANTS, Enum))
 
@@ -316,7 +316,7 @@ def is_frozen(value: object) -> bool:
 
 
 def attributes(value: object) -> dict[str, Any]:
-    """Attributes of an object by name, those of slots included, or fields of a named tuple."""
+    """Attributes of an object by name, including slots, or fields of a named tuple."""
     if isinstance(value, tuple):
         return dict(zip(value._fields, value, strict=True))  # type: ignore[attr-defined]
     own = getattr(value, "__dict__", None)

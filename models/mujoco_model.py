@@ -1,11 +1,11 @@
-"""The same robot in MuJoCo: free joint, floor, soles, torque motors, IMU and foot sensors, built from the same URDF.
+"""MuJoCo model of the robot from the same URDF: free joint, floor, soles, torque motors, IMU and foot sensors.
 
-MuJoCo writes quaternions wxyz and the velocity of a free joint as linear in the world, angular in the body; Pinocchio
-writes xyzw and both in the body:
+MuJoCo uses quaternions wxyz; the velocity of a free joint is linear in the world frame and angular in the body frame.
+Pinocchio uses xyzw and both velocities in the body frame:
 
     qpos = [p_WB, wxyz, q]      qvel = [R_WB v_lin, v_ang, v]      M_pin = S^T M_mujoco S,   S = diag(R_WB, I, I)
 
-with joints matched by name through the index arrays of ``MujocoModel``. In a world of several robots each has a part of
+The index arrays of ``MujocoModel`` match joints by name. In a world of several robots each robot has a part of
 MuJoCo's arrays.
 """
 
@@ -25,7 +25,7 @@ from models.robot_model import SOLE_FRAMES, RobotModel
 from models.terrain import FLAT, Terrain, terrain_named
 from models.types import Matrix, Vector
 
-ROBOTS_MAX = 30  #: Robots in one world: MuJoCo's 32 bits of contact types, less the ground's and the sign
+ROBOTS_MAX = 30  #: Maximum robots in one world: 32 bits of contact types, minus the ground's bit and the sign
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,26 +33,26 @@ class MujocoModel:
     """A compiled MuJoCo model and the indices of one robot in it."""
 
     model: mujoco.MjModel
-    prefix: str  # of the names of this robot; empty in a world of one robot
+    prefix: str  # prefix of the robot's names; empty in a world of one robot
     qpos: slice  # the robot's part of qpos
     qvel: slice  # the robot's part of qvel
-    joint_qpos: NDArray[np.int64]  # index into qpos of each joint, in the order of ``RobotModel.joint_names`` (nj,)
-    joint_qvel: NDArray[np.int64]  # index into qvel of each joint (nj,)
-    actuator: NDArray[np.int64]  # index into ctrl of each torque motor (nj,); ctrl is in N.m, clamped to the limit
+    joint_qpos: NDArray[np.int64]  # index of each joint in qpos, in the order of ``RobotModel.joint_names`` (nj,)
+    joint_qvel: NDArray[np.int64]  # index of each joint in qvel (nj,)
+    actuator: NDArray[np.int64]  # index of each torque motor in ctrl (nj,); ctrl is in N.m, clamped to the limit
     base_body: int  # body of the floating base
     sole_sites: tuple[int, int]  # left and right sole frame
     imu_site: int  # IMU frame
-    gyro: slice  # angular velocity in the IMU frame, in sensordata [rad/s]
-    accel: slice  # specific force in the IMU frame, +g along up at rest [m/s^2]
-    sole_force: tuple[slice, slice]  # minus the ground reaction in the sole frame [N]; read through ``foot_wrenches``
-    sole_torque: tuple[slice, slice]  # the same at the sole origin [N.m]
-    hold_equality: int  # weld of the base to ``hold_mocap``; switched by ``data.eq_active``, off by default
-    hold_mocap: int  # index of that body among the mocap bodies
+    gyro: slice  # slice of sensordata: angular velocity in the IMU frame [rad/s]
+    accel: slice  # slice of sensordata: specific force in the IMU frame, +g along up at rest [m/s^2]
+    sole_force: tuple[slice, slice]  # negative ground reaction in the sole frame [N]; read by ``foot_wrenches``
+    sole_torque: tuple[slice, slice]  # moment of the same at the sole origin [N.m]
+    hold_equality: int  # weld of the base to ``hold_mocap``; enabled by ``data.eq_active``, off by default
+    hold_mocap: int  # index of the holding body among the mocap bodies
     bodies: dict[str, int]  # body index by REP-120 frame name and by link name
     own_bodies: slice  # all bodies of the robot, consecutive from its base
 
     def foot_wrenches(self, data: mujoco.MjData) -> Matrix:
-        """Ground reaction on each foot, in its sole frame at the sole origin; +z bears weight (2, 6) [N, N.m]."""
+        """Ground reaction (2, 6) [N, N.m] on each foot, in the sole frame at the sole origin; +z bears weight."""
         wrenches = np.empty((2, 6))
         for i in range(2):
             wrenches[i, :3] = data.sensordata[self.sole_force[i]]
@@ -60,18 +60,18 @@ class MujocoModel:
         return np.negative(wrenches, out=wrenches)
 
     def hold(self, data: mujoco.MjData, position: Vector, quaternion: Vector) -> None:
-        """Hold the base at a pose of the world: position (3,) [m], quaternion xyzw (4,)."""
+        """Hold the base at a pose in the world: position (3,) [m], quaternion xyzw (4,)."""
         data.mocap_pos[self.hold_mocap] = position
         data.mocap_quat[self.hold_mocap] = np.roll(quaternion, 1)
         data.eq_active[self.hold_equality] = 1
 
     def release(self, data: mujoco.MjData) -> None:
-        """Let go of the base."""
+        """Release the base."""
         data.eq_active[self.hold_equality] = 0
 
 
 class WorldOptions(TypedDict, total=False):
-    """Keyword arguments of both functions below; see ``build_mujoco_world``."""
+    """Keyword arguments of ``build_mujoco`` and ``build_mujoco_world``; documented in the latter."""
 
     timestep: float
     visuals: bool
@@ -81,7 +81,7 @@ class WorldOptions(TypedDict, total=False):
 
 
 def build_mujoco(model: RobotModel, *, payload_kg: float = 0.0, **options: Unpack[WorldOptions]) -> MujocoModel:
-    """Build one simulated robot and its floor; options are those of ``build_mujoco_world``."""
+    """Build one simulated robot and its floor; see ``build_mujoco_world`` for the options."""
     return build_mujoco_world({"": model}, payload_kg={"": payload_kg}, **options)[""]
 
 
@@ -95,12 +95,12 @@ def build_mujoco_world(
     terrain: str | Terrain = FLAT,
     config: PlantConfig | None = None,
 ) -> dict[str, MujocoModel]:
-    """Build simulated robots by name on one floor; they touch each other with soles and hulls.
+    """Build simulated robots by name on one floor; they collide with each other at soles and hulls.
 
-    All are at the origin of W: place them apart. ``friction`` is the Coulomb coefficient of sole on floor [-], the
-    smallest of the profiles' when None; ``payload_kg`` the mass of a ball at a torso's centre of mass that only the
-    plant has [kg]; ``terrain`` the ground, or its name in ``models/config/terrain.yaml``. ``visuals`` loads what
-    pictures need, without effect on the dynamics. Raises ``ConfigError`` for an argument out of range,
+    All robots start at the origin of W; the caller places them apart. ``friction`` is the Coulomb coefficient of sole
+    on floor [-], the smallest of the profiles when None. ``payload_kg`` is the mass of a ball at the torso's centre of
+    mass, in the plant only [kg]. ``terrain`` is the ground, or its name in ``models/config/terrain.yaml``. ``visuals``
+    loads visual geometry, without effect on the dynamics. Raises ``ConfigError`` for an argument out of range, and
     ``RobotModelError`` with MuJoCo's reason when it refuses a robot.
     """
     payloads = payload_kg or {}
@@ -130,7 +130,7 @@ def build_mujoco_world(
 
 
 def pin_to_mujoco(model: RobotModel, mj: MujocoModel, q: Vector, v: Vector) -> tuple[Vector, Vector]:
-    """Convert a configuration (nq,) and velocity (nv,) of Pinocchio into new (qpos, qvel), the robot's part of each."""
+    """Convert Pinocchio's configuration (nq,) and velocity (nv,) to new arrays: the robot's part of (qpos, qvel)."""
     qpos, qvel = np.empty(model.nq), np.empty(model.nv)
     qpos[:3] = q[:3]
     qpos[3], qpos[4:7] = q[6], q[3:6]
@@ -142,7 +142,7 @@ def pin_to_mujoco(model: RobotModel, mj: MujocoModel, q: Vector, v: Vector) -> t
 
 
 def mujoco_to_pin(model: RobotModel, mj: MujocoModel, qpos: Vector, qvel: Vector) -> tuple[Vector, Vector]:
-    """Convert the robot's part of (qpos, qvel) into a new configuration (nq,) and velocity (nv,) of Pinocchio."""
+    """Convert the robot's part of (qpos, qvel) to a new configuration (nq,) and velocity (nv,) of Pinocchio."""
     q, v = np.empty(model.nq), np.empty(model.nv)
     q[:3] = qpos[:3]
     q[3:6], q[6] = qpos[4:7], qpos[3]

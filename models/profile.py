@@ -1,7 +1,7 @@
 """Robot profiles: everything about a robot that its URDF does not contain, in one YAML file.
 
-A profile is named (``g1``) when it is packaged in ``models/robots``, or given as a path to a user's own file.
-Lengths are in metres, angles in radians, and every field below states its unit.
+A profile is given by name (``g1``) if it is packaged in ``models/robots``, else by the path of a user's file.
+Lengths are in metres, angles in radians; every field below states its unit.
 """
 
 from dataclasses import field
@@ -18,40 +18,40 @@ from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, DepthSensor, LidarSens
 from models.types import Vector3
 from models.urdf import resolve_uri
 
-#: Frames that every profile places on a link (REP-120 names); the soles and base_link have keys of their own
 Law = Literal["gait", "balance", "whole_body"]  #: Configurations that a profile may change
+#: Frames that every profile must place on a link (REP-120 names); the soles and base_link have separate keys
 REQUIRED_FRAMES = ("torso", "gaze", "l_wrist", "r_wrist", "imu")
-CAMERA_FRAME = "camera_optical_frame"  #: Frame in which the camera sees: x right, y down, z ahead (REP-103)
-#: Frame names with a meaning of their own, which ``frames`` may not redefine
+CAMERA_FRAME = "camera_optical_frame"  #: Optical frame of the camera: x right, y down, z forward (REP-103)
+#: Frame names that the loader defines and ``frames`` must not redefine
 RESERVED_FRAMES = ("base_link", "l_sole", "r_sole", "base_footprint", "odom")
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Motor:
-    """One type of drive (motor, gearbox and its driver), shared by the joints that use it."""
+    """One type of drive (motor, gearbox and driver), shared by several joints."""
 
     armature: NonNegative  #: rotor inertia reflected to the joint [kg.m^2]
     damping: NonNegative  #: viscous friction at the joint [N.m.s/rad]
     frictionloss: NonNegative  #: dry friction at the joint [N.m]
-    torque_rate: Positive  #: fastest change of the drive's torque [N.m/s]
+    torque_rate: Positive  #: maximum rate of change of the drive's torque [N.m/s]
     kp: NonNegative  #: position gain of the driver [N.m/rad]
     kd: NonNegative  #: velocity gain of the driver [N.m.s/rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Joint:
-    """The drive of one joint, and its differences from the motor type."""
+    """Drive of one joint: motor type and overrides."""
 
     motor: str  #: key in `motors`
-    kp: Annotated[float | None, Field(ge=0.0)] = None  #: replaces the motor's position gain [N.m/rad]
-    kd: Annotated[float | None, Field(ge=0.0)] = None  #: replaces the motor's velocity gain [N.m.s/rad]
-    torque_limit: Annotated[float | None, Field(gt=0.0)] = None  #: replaces the URDF's effort [N.m]
-    velocity_limit: Annotated[float | None, Field(gt=0.0)] = None  #: replaces the URDF's velocity [rad/s]
-    aliases: tuple[str, ...] = ()  #: further names, as textbooks call the joint
+    kp: Annotated[float | None, Field(ge=0.0)] = None  #: overrides the motor's position gain [N.m/rad]
+    kd: Annotated[float | None, Field(ge=0.0)] = None  #: overrides the motor's velocity gain [N.m.s/rad]
+    torque_limit: Annotated[float | None, Field(gt=0.0)] = None  #: overrides the URDF's effort limit [N.m]
+    velocity_limit: Annotated[float | None, Field(gt=0.0)] = None  #: overrides the URDF's velocity limit [rad/s]
+    aliases: tuple[str, ...] = ()  #: alternative names, such as those of textbooks
 
 
 def joint_key(name: str) -> tuple[str, ...]:
-    """What names of a joint share: their words in any order, without ``joint``; ``l`` and ``r`` are the sides."""
+    """Normalised name: sorted words without ``joint``, with ``l`` and ``r`` expanded; equal for all spellings."""
     sides = {"l": "left", "r": "right"}
     return tuple(sorted(sides.get(word, word) for word in name.lower().split("_") if word != "joint"))
 
@@ -83,7 +83,7 @@ class Sole:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Feet:
-    """Both soles and their nominal grip."""
+    """Both soles and their nominal friction."""
 
     left: Sole
     right: Sole
@@ -92,7 +92,7 @@ class Feet:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Hull:
-    """Coarse hull of a link: all points within ``radius`` of a segment (a sphere when both ends coincide)."""
+    """Collision geometry of a link: capsule of ``radius`` around a segment (a sphere when both ends coincide)."""
 
     link: str  #: link of the URDF
     start: Vector3  #: first end of the segment in the link's frame [m]
@@ -102,7 +102,7 @@ class Hull:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ImuSensor:
-    """Noise of the IMU mounted at frame `imu`."""
+    """Noise of the IMU at frame `imu`."""
 
     gyro_noise_density: NonNegative  #: [rad/s/sqrt(Hz)]
     gyro_bias: NonNegative  #: standard deviation of the turn-on bias [rad/s]
@@ -112,7 +112,7 @@ class ImuSensor:
     accel_range: Positive  #: full scale [m/s^2]
     gyro_bias_walk: NonNegative = 0.0  #: drift of the bias [rad/s/sqrt(s)]
     accel_bias_walk: NonNegative = 0.0  #: drift of the bias [m/s^2/sqrt(s)]
-    misalignment: NonNegative = 0.0  #: std of the mounting rotation, each axis [rad]
+    misalignment: NonNegative = 0.0  #: standard deviation of the mounting rotation, each axis [rad]
     gyro_scale: NonNegative = 0.0  #: standard deviation of the scale error [-]
     accel_scale: NonNegative = 0.0  #: standard deviation of the scale error [-]
     gyro_resolution: NonNegative = 0.0  #: step of the output; 0: not rounded [rad/s]
@@ -123,27 +123,27 @@ class ImuSensor:
 class EncoderSensor:
     """Quantisation and noise of the joint encoders and of the torque estimate."""
 
-    resolution: NonNegative  #: position step at the joint [rad]
+    resolution: NonNegative  #: position resolution at the joint [rad]
     velocity_noise: NonNegative  #: standard deviation [rad/s]
-    torque_noise: NonNegative  #: standard deviation, as a share of the torque limit [-]
-    offset: NonNegative = 0.0  #: standard deviation of the zero of each joint [rad]
+    torque_noise: NonNegative  #: standard deviation, relative to the torque limit [-]
+    offset: NonNegative = 0.0  #: standard deviation of the zero offset of each joint [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FootSensor:
-    """Noise of the force-torque sensor in each sole."""
+    """Noise of the force-torque sensor of each sole."""
 
     force_noise: NonNegative  #: standard deviation, each axis [N]
     torque_noise: NonNegative  #: standard deviation, each axis [N.m]
     force_offset: NonNegative  #: standard deviation of the turn-on offset [N]
     torque_offset: NonNegative  #: standard deviation of the turn-on offset [N.m]
     gain: NonNegative = 0.0  #: standard deviation of the gain error of each axis [-]
-    crosstalk: NonNegative = 0.0  #: std of what one axis at full scale adds to another, share of its scale [-]
+    crosstalk: NonNegative = 0.0  #: std of the reading of an axis at full scale of another, over its scale [-]
     force_range: Annotated[float | None, Field(gt=0.0)] = None  #: full scale; none: unlimited [N]
     torque_range: Annotated[float | None, Field(gt=0.0)] = None  #: full scale; none: unlimited [N.m]
     force_resolution: NonNegative = 0.0  #: step of the output; 0: not rounded [N]
     torque_resolution: NonNegative = 0.0  #: step of the output; 0: not rounded [N.m]
-    fitted: bool = True  #: whether the robot has these sensors; without, they read nan
+    fitted: bool = True  #: whether the robot has these sensors; if not, they read nan
 
     def __post_init__(self) -> None:
         if self.crosstalk > 0.0 and (self.force_range is None or self.torque_range is None):
@@ -152,14 +152,14 @@ class FootSensor:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ScanSensor:
-    """A planar laser scanner mounted at frame `scan`, x ahead and z up."""
+    """A planar laser scanner at frame `scan`, x forward and z up."""
 
     angle_min: Annotated[float, Field(ge=-6.2832, le=6.2832)]  #: direction of the first ray [rad]
     angle_max: Annotated[float, Field(ge=-6.2832, le=6.2832)]  #: direction of the last ray [rad]
-    rays: Annotated[int, Field(ge=2, le=20000)]  #: readings of a scan [1]
-    range_min: NonNegative  #: shortest distance that is measured [m]
-    range_max: Positive  #: longest distance that is measured [m]
-    rate: Annotated[float, Field(gt=0.0, le=1000.0)]  #: scans a second [Hz]
+    rays: Annotated[int, Field(ge=2, le=20000)]  #: number of readings per scan [1]
+    range_min: NonNegative  #: minimum measured distance [m]
+    range_max: Positive  #: maximum measured distance [m]
+    rate: Annotated[float, Field(gt=0.0, le=1000.0)]  #: scan rate [Hz]
     noise: NonNegative = 0.0  #: standard deviation of a distance [m]
 
     def __post_init__(self) -> None:
@@ -171,20 +171,20 @@ class ScanSensor:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class CameraSensor:
-    """A colour camera without distortion at frame `camera_optical_frame`: x right, y down, z ahead (REP-103)."""
+    """A colour camera without distortion at frame `camera_optical_frame`: x right, y down, z forward (REP-103)."""
 
-    width: Annotated[int, Field(ge=16, le=4096)]  #: of a picture [pixel]
-    height: Annotated[int, Field(ge=16, le=4096)]  #: of a picture [pixel]
-    horizontal_fov: Annotated[float, Field(ge=0.1, le=2.8)]  #: angle from the left to the right edge [rad]
-    rate: Annotated[float, Field(gt=0.0, le=1000.0)]  #: pictures a second [Hz]
+    width: Annotated[int, Field(ge=16, le=4096)]  #: image width [pixel]
+    height: Annotated[int, Field(ge=16, le=4096)]  #: image height [pixel]
+    horizontal_fov: Annotated[float, Field(ge=0.1, le=2.8)]  #: horizontal field of view [rad]
+    rate: Annotated[float, Field(gt=0.0, le=1000.0)]  #: image rate [Hz]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Head:
-    """The joints that turn the head, and with it the camera."""
+    """Joints that move the head and its camera."""
 
-    pan: str  #: joint that turns it to the side
-    tilt: str  #: joint that nods it
+    pan: str  #: joint that yaws the head
+    tilt: str  #: joint that pitches the head
 
     def __post_init__(self) -> None:
         if self.pan == self.tilt:
@@ -193,11 +193,11 @@ class Head:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Latency:
-    """Transport delays of the robot's own electronics."""
+    """Transport delays of the robot's electronics."""
 
-    sensors: NonNegative  #: from the measurement to its arrival at the computer [s]
+    sensors: NonNegative  #: from measurement to arrival at the computer [s]
     commands: NonNegative  #: from sending a command to its effect in the driver [s]
-    jitter: NonNegative = 0.0  #: largest age of a sample at its stamp, at most one tick counts [s]
+    jitter: NonNegative = 0.0  #: maximum age of a sample at its stamp; limited to one tick [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -216,10 +216,10 @@ class Sensors:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Thresholds:
-    """Values of one measurement from which on a robot is warned of, kept standing, and damped."""
+    """Thresholds of one measurement for a warning, a hold and damping."""
 
-    warn: float  #: reported in the diagnostics
-    hold: float  #: no new motion and no velocity
+    warn: float  #: a warning appears in the diagnostics
+    hold: float  #: no new motion, no walking velocity
     damp: float  #: the drives are damped
 
     def __post_init__(self) -> None:
@@ -228,60 +228,60 @@ class Thresholds:
 
     @property
     def rising(self) -> bool:
-        """Whether large values are bad."""
+        """Whether values above the thresholds are faults, rather than values below."""
         return self.warn <= self.damp
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Hardware:
-    """What the monitors of a real robot compare its state with."""
+    """Limits of the monitors of a real robot."""
 
     motor_temperature: Thresholds  #: winding or housing of the hottest motor [degC]
-    lost_packets: Thresholds  #: share of states that did not arrive within a second [-]
-    torque_saturation: Thresholds  #: share of a second in which a joint is at its torque limit [-]
-    saturation: Share  #: part of a joint's torque limit from which on it is at the limit [-]
-    foreign_commands: Thresholds  #: LowCmds of other programs within a second; without ``persistence`` [Hz]
-    motor_error: Literal["warn", "hold", "damp"]  #: what an error word of a drive leads to
-    stop_buttons: Annotated[tuple[str, ...], Field(min_length=1)]  #: each of which, on the remote controller, damps
-    persistence: Positive  #: for how long a value must be beyond a threshold [s]
-    #: supply of the lowest drive; 0 counts as not measured; none for a robot that does not measure it [V]
+    lost_packets: Thresholds  #: share of state messages lost within a second [-]
+    torque_saturation: Thresholds  #: share of a second that a joint spends at its torque limit [-]
+    saturation: Share  #: share of the torque limit above which a joint counts as at the limit [-]
+    foreign_commands: Thresholds  #: rate of LowCmds of other programs; ``persistence`` does not apply [Hz]
+    motor_error: Literal["warn", "hold", "damp"]  #: reaction to an error word of a drive
+    stop_buttons: Annotated[tuple[str, ...], Field(min_length=1)]  #: buttons of the remote controller that damp the robot
+    persistence: Positive  #: minimum time of a value beyond a threshold [s]
+    #: lowest supply voltage of the drives; 0: not measured; none for a robot that does not measure it [V]
     voltage: Thresholds | None = None
-    mode_machine: Annotated[int, Field(ge=0, le=255)] | None = None  #: Unitree: type that the robot reports [1]
-    own_commands: NonNegative = 0.0  #: LowCmds that the robot's own controller publishes while it is active [Hz]
-    switcher_version: str = ""  #: Unitree: of the motion switcher, which releases its controller; where it names one
+    mode_machine: Annotated[int, Field(ge=0, le=255)] | None = None  #: Unitree: robot type as reported by the robot [1]
+    own_commands: NonNegative = 0.0  #: rate of LowCmds of the robot's built-in controller while it is active [Hz]
+    switcher_version: str = ""  #: Unitree: version of the motion switcher, which releases its controller; if any
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Payload:
-    """Mass and CoM of a robot beyond those of its URDF, in its torso; ``poise identify`` measures them."""
+    """Mass and CoM shift of the robot relative to its URDF, in the torso; ``poise identify`` measures them."""
 
-    mass: float = 0.0  #: added to that of the torso; negative for a lighter robot [kg]
+    mass: float = 0.0  #: added mass of the torso; negative for a lighter robot [kg]
     com: tuple[float, float] = (0.0, 0.0)  #: shift of the CoM of the whole robot, forward and left [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Profile:
-    """A whole robot; see the packaged files for a commented example."""
+    """A complete robot; the packaged files are commented examples."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]  #: short name of the robot
-    urdf: Annotated[str, Field(min_length=1)]  #: package://PACKAGE/PATH, absolute, or relative to this file
+    urdf: Annotated[str, Field(min_length=1)]  #: package://PACKAGE/PATH, absolute path, or path relative to this file
     base_link: str  #: root link of the URDF: the floating base
     motors: dict[str, Motor]
     joints: dict[str, Joint]  #: every moving joint of the URDF, by name
     feet: Feet
     frames: dict[str, Frame]  #: REP-120 frames by name
-    postures: dict[str, dict[str, float]]  #: joint positions by name [rad]; a joint left out is at 0
+    postures: dict[str, dict[str, float]]  #: joint positions by name [rad]; omitted joints are at 0
     sensors: Sensors
-    head: Head | None = None  #: joints of pan and tilt; none for a head that is fixed
-    #: named postures in which a jig or marks hold the robot for calibration
+    head: Head | None = None  #: joints of pan and tilt; none for a fixed head
+    #: postures for calibration, in which a jig or marks hold the robot
     jig_postures: tuple[str, ...] = ("zero", "stand")
-    #: what touches the simulated floor when the robot falls, by name
+    #: collision geometry with the simulated floor after a fall, by name
     hulls: dict[str, Hull] = field(default_factory=dict)
-    #: what differs for this robot from the packaged configuration of its laws, as nested keys by the name of the file
+    #: overrides of the packaged configuration of the laws, as nested keys by file name
     laws: dict[Law, dict[str, Any]] = field(default_factory=dict)
-    payload: Payload = Payload()  #: what the laws add to the URDF's masses; a simulated robot does not have it
-    hardware: Hardware | None = None  #: monitors of the real robot; none where it is not known
-    source: str = ""  #: file the profile was read from; filled in by the loader
+    payload: Payload = Payload()  #: added to the URDF's masses in the laws, not in the simulated robot
+    hardware: Hardware | None = None  #: limits of the monitors of the real robot; none if unknown
+    source: str = ""  #: file of the profile; set by the loader
 
     def __post_init__(self) -> None:
         known = ", ".join(sorted(self.motors))
@@ -329,9 +329,9 @@ def _robots_folder() -> Path:
 
 
 def load_profile(name_or_path: str | Path) -> Profile:
-    """Load a robot profile by packaged name or path, which is its ``source``; ``ConfigError`` names file and key.
+    """Load a robot profile by packaged name or path, and set its ``source``; ``ConfigError`` names file and key.
 
-    A profile with the key ``extends`` has what the profile of that name or path has, with its own values over it.
+    The key ``extends`` names a base profile by name or path; the values of the profile override those of the base.
     """
     path = _profile_path(name_or_path, Path())
     profile = parse_config(Profile, _profile_data(path), str(path))
@@ -342,7 +342,7 @@ def load_profile(name_or_path: str | Path) -> Profile:
 
 
 def _profile_data(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Values of a profile over those of the one that it extends, whose URDF is given by its path."""
+    """Values of a profile merged over its base profile; the URDF of the base becomes an absolute path."""
     data = read_yaml(path)
     extended = data.pop("extends", None)
     if extended is None:
@@ -356,7 +356,7 @@ def _profile_data(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def _profile_path(name_or_path: str | Path, folder: Path) -> Path:
-    """File of a profile; a path is relative to a folder."""
+    """File of a profile by packaged name or by path, relative to ``folder``."""
     text = str(name_or_path)
     is_path = isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text
     path = (folder / Path(text).expanduser()).resolve() if is_path else _robots_folder() / f"{text}.yaml"

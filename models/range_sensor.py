@@ -1,4 +1,4 @@
-"""Depth cameras and lidars: their part of a robot's profile, and the points that they measure."""
+"""Depth cameras and lidars: their schema in the robot profile, and their point clouds."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from models.config import STRICT, NonNegative, Positive
 from models.errors import MessageError
 from models.types import Matrix, Vector
 
-DEPTH_FRAME = "depth_optical_frame"  #: Frame of the depth camera: x right, y down, z ahead (REP-103)
-LIDAR_FRAME = "lidar"  #: Frame of the lidar, z along its axis
-DEPTH_UNIT = 0.001  #: Of the numbers of a depth picture, as depth cameras send them [m]
-POINTS_MAX = 500_000  #: Most points of a cloud [1]; a depth picture of 848 x 480 has 407 040
+DEPTH_FRAME = "depth_optical_frame"  #: Frame of the depth camera: x right, y down, z forward (REP-103)
+LIDAR_FRAME = "lidar"  #: Frame of the lidar, z along its axis of rotation
+DEPTH_UNIT = 0.001  #: Unit of the pixels of a depth image, as published by depth cameras [m]
+POINTS_MAX = 500_000  #: Maximum points of a cloud [1]; a depth image of 848 x 480 has 407 040
 
 Elevation = Annotated[float, Field(ge=-1.5708, le=1.5708)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RangeSensor:
-    """What depth camera and lidar have in common; a depth camera measures along its axis, a lidar along the ray."""
+    """Common fields of depth camera and lidar; a depth camera measures along its axis, a lidar along the ray."""
 
-    range_min: NonNegative  #: shortest distance that is measured [m]
-    range_max: Positive  #: longest distance that is measured [m]
-    rate: Annotated[float, Field(gt=0.0, le=1000.0)]  #: pictures or turns a second [Hz]
+    range_min: NonNegative  #: minimum measured distance [m]
+    range_max: Positive  #: maximum measured distance [m]
+    rate: Annotated[float, Field(gt=0.0, le=1000.0)]  #: images or turns per second [Hz]
     noise: NonNegative  #: standard deviation of a distance, constant part [m]
-    noise_square: NonNegative  #: and the part that grows with the square of the distance [1/m]
-    scale: NonNegative  #: standard deviation of the scale error, of one sensor from another [-]
+    noise_square: NonNegative  #: standard deviation of a distance, coefficient of the squared distance [1/m]
+    scale: NonNegative  #: standard deviation of the scale error between sensors [-]
     misalignment: NonNegative  #: standard deviation of the mounting rotation, each axis [rad]
-    latency: NonNegative  #: from the light to the arrival of the points [s]
+    latency: NonNegative  #: from exposure to the arrival of the points [s]
 
     def __post_init__(self) -> None:
         if self.range_min >= self.range_max:
@@ -46,28 +46,28 @@ class RangeSensor:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class DepthSensor(RangeSensor):
-    """A depth camera without distortion at frame `depth_optical_frame`: x right, y down, z ahead (REP-103)."""
+    """A depth camera without distortion at frame `depth_optical_frame`: x right, y down, z forward (REP-103)."""
 
-    width: Annotated[int, Field(ge=16, le=4096)]  #: of a picture [pixel]
-    height: Annotated[int, Field(ge=16, le=4096)]  #: of a picture [pixel]
-    horizontal_fov: Annotated[float, Field(ge=0.1, le=2.8)]  #: angle from the left to the right edge [rad]
+    width: Annotated[int, Field(ge=16, le=4096)]  #: image width [pixel]
+    height: Annotated[int, Field(ge=16, le=4096)]  #: image height [pixel]
+    horizontal_fov: Annotated[float, Field(ge=0.1, le=2.8)]  #: horizontal field of view [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class LidarSensor(RangeSensor):
-    """A lidar that looks all around the z axis of frame `lidar`, with another pattern in every turn."""
+    """A lidar with 360 deg coverage about the z axis of frame `lidar`; every turn has a different pattern."""
 
-    elevation_min: Elevation  #: lowest ray above the plane of x and y of the frame [rad]
-    elevation_max: Elevation  #: highest ray [rad]
-    rays: Annotated[int, Field(ge=2, le=POINTS_MAX)]  #: of a turn [1]
+    elevation_min: Elevation  #: elevation of the lowest ray above the x-y plane of the frame [rad]
+    elevation_max: Elevation  #: elevation of the highest ray [rad]
+    rays: Annotated[int, Field(ge=2, le=POINTS_MAX)]  #: number of rays per turn [1]
 
 
 @record(frozen=True, slots=True, eq=False)
 class PointCloud:
-    """Points that a range sensor measured at one instant; a point without a measurement is left out."""
+    """Points of a range sensor measured at one instant; rays without a measurement are omitted."""
 
-    t: float  # stamp of the light [s]
-    frame: str  # of the profile, in which the points are
+    t: float  # time of exposure [s]
+    frame: str  # frame of the points, as named in the profile
     points: Matrix  # (n, 3) [m]
 
 

@@ -1,4 +1,4 @@
-"""The robot for the laws: one Pinocchio model with limits, drives, frames and feet from the profile."""
+"""Robot model of the laws: one Pinocchio model with limits, drives, frames and feet from the profile."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class RobotModel:
     """Kinematics, dynamics, limits and names of one robot."""
 
     def __init__(self, profile: Profile) -> None:
-        """Build the model; see ``load`` for refusals."""
+        """Build the model; raises as ``load``."""
         source = Path(profile.source) if profile.source else Path.cwd() / "profile.yaml"
         self.profile = profile  #: Profile of the robot
         self.name = profile.name  #: Short name of the robot
@@ -34,7 +34,7 @@ class RobotModel:
         self.nq: int = self.pin.nq  #: Size of a configuration: base position (3), base quaternion xyzw (4), joints (nj)
         self.nv: int = self.pin.nv  #: Size of a velocity: base twist in the base frame (6), joints (nj)
         self.nj: int = self.nv - JOINTS_V  #: Number of joints
-        self.joint_names: tuple[str, ...] = tuple(self.pin.names)[2:]  #: In the order of every joint vector, the URDF's
+        self.joint_names: tuple[str, ...] = tuple(self.pin.names)[2:]  #: In the order of all joint vectors
         self._index = {name: i for i, name in enumerate(self.joint_names)}
         _check_names(profile, self.joint_names, self.urdf)
         self._aliases = {
@@ -67,13 +67,13 @@ class RobotModel:
         self._postures = {name: self._posture(name, values) for name, values in profile.postures.items()}
         self._postures["zero"] = _frozen(np.clip(np.zeros(self.nj), self.q_lower, self.q_upper))
         self._add_payload()
-        self.mass = float(pin.computeTotalMass(self.pin))  #: Total mass, with the profile's payload [kg]
-        self.leg_length = 0.0  #: Height of the first joint of a leg, at the hip, above the soles in 'stand' [m]
+        self.mass = float(pin.computeTotalMass(self.pin))  #: Total mass including the profile's payload [kg]
+        self.leg_length = 0.0  #: Height of the first leg joint, at the hip, above the soles in 'stand' [m]
         self._describe_legs()
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> RobotModel:
-        """Load a robot by packaged name or path of a profile; ``ConfigError`` or ``RobotModelError`` says why not."""
+        """Load a robot by packaged name or path of a profile; raises ``ConfigError`` or ``RobotModelError``."""
         return cls(load_profile(name_or_path))
 
     @property
@@ -91,25 +91,25 @@ class RobotModel:
         return self.pin.createData()
 
     def frame_id(self, name: str) -> int:
-        """Pinocchio id of a REP-120 frame (base_link, l_sole, torso, ...); ``ConfigError`` lists the known ones."""
+        """Pinocchio id of a REP-120 frame (base_link, l_sole, torso, ...); ``ConfigError`` lists the known frames."""
         if name not in self._frames:
             raise ConfigError(f"{self.name}: unknown frame '{name}'; known: {', '.join(self._frames)}")
         return self._frames[name]
 
     def frame_on_link(self, name: str) -> tuple[str, pin.SE3]:
-        """Link of the URDF that carries a frame, and the frame's pose in it; errors as ``frame_id``."""
+        """Parent link of a frame in the URDF, and the pose of the frame in the link; raises as ``frame_id``."""
         frame = self.pin.frames[self.frame_id(name)]
         link = self.pin.frames[frame.parentFrame]
         return link.name, link.placement.actInv(frame.placement)
 
     def posture(self, name: str) -> Vector:
-        """Joint positions of a named posture, read-only (nj,) [rad]; ``ConfigError`` lists the known ones."""
+        """Joint positions of a named posture, read-only (nj,) [rad]; ``ConfigError`` lists the known postures."""
         if name not in self._postures:
             raise ConfigError(f"{self.name}: unknown posture '{name}'; known: {', '.join(self._postures)}")
         return self._postures[name]
 
     def joint_index(self, name: str) -> int:
-        """Position of a joint, by name or alias, in every joint vector; ``JointNameError`` names the nearest one."""
+        """Index in joint vectors of a joint given by name or alias; ``JointNameError`` names the nearest joint."""
         index = self._index.get(name)
         if index is None and (index := self._aliases.get(joint_key(name))) is None:
             near = did_you_mean(name, self.joint_names)
@@ -117,11 +117,11 @@ class RobotModel:
         return index
 
     def named(self, names: Iterable[str]) -> tuple[str, ...]:
-        """The robot's names of joints given by name or alias; errors as ``joint_index``."""
+        """URDF names of joints given by name or alias; raises as ``joint_index``."""
         return tuple(self.joint_names[self.joint_index(name)] for name in names)
 
     def reorder(self, names: Sequence[str], values: ArrayLike) -> Vector:
-        """Values given by name in the order of ``joint_names`` (nj,), new; ``JointNameError`` unless one for each."""
+        """New array (nj,) of named values in the order of ``joint_names``; ``JointNameError`` unless one per joint."""
         array = np.asarray(values, dtype=np.float64)
         if array.shape != (len(names),):
             raise JointNameError(f"{self.name}: {len(names)} joint names for values of shape {array.shape}")
@@ -139,13 +139,13 @@ class RobotModel:
         return result
 
     def standing_configuration(self, posture: str = "stand") -> Vector:
-        """Configuration (nq,) of a posture, mid-point of the soles at the origin, yaw 0; see ``planted``."""
+        """Configuration (nq,) of a posture, midpoint of the soles at the origin, yaw 0; see ``planted``."""
         return self.planted(self.posture(posture), self.data())
 
     def planted(self, joints: Vector, data: pin.Data) -> Vector:
-        """Configuration (nq,) of joints (nj,) [rad] with the mean of both sole poses at the origin.
+        """Configuration (nq,) of joint positions (nj,) [rad] with the mean of both sole poses at the origin.
 
-        T_WB = (mean of T_BL and T_BR)^-1, with the mean rotation half-way on the geodesic from left to right.
+        T_WB = (mean of T_BL and T_BR)^-1; the mean rotation is halfway on the geodesic from left to right.
         """
         q: Vector = pin.neutral(self.pin)
         q[JOINTS_Q:] = joints
@@ -157,7 +157,7 @@ class RobotModel:
         return q
 
     def static_torques(self, q: Vector, data: pin.Data) -> Vector:
-        """Joint torques that hold a configuration (nq,) with the least wrenches on both soles (nj,) [N.m]."""
+        """Joint torques (nj,) [N.m] that hold a configuration (nq,), with least-norm wrenches on both soles."""
         gravity = pin.computeGeneralizedGravity(self.pin, data, q)
         pin.computeJointJacobians(self.pin, data, q)
         pin.updateFramePlacements(self.pin, data)
@@ -185,14 +185,14 @@ class RobotModel:
         return ids
 
     def link_frame_id(self, link: str, user: str) -> int:
-        """Pinocchio id of a link of the URDF for ``user``, which a ``RobotModelError`` for an unknown link names."""
+        """Pinocchio id of a URDF link; ``RobotModelError`` for an unknown link, with ``user`` in the message."""
         frame_id = int(self.pin.getFrameId(link, pin.FrameType.BODY))
         if frame_id >= self.pin.nframes:
             raise RobotModelError(f"{self.profile.source}: {user}: link '{link}' does not exist in {self.urdf}")
         return frame_id
 
     def _add_payload(self) -> None:
-        """Change mass and CoM of the torso by the profile's payload; the CoM shifts as given in the posture 'stand'."""
+        """Change mass and CoM of the torso such that, in 'stand', the robot's CoM shifts by the payload's ``com``."""
         if self.profile.payload == Payload():
             return
         payload, joint = self.profile.payload, self.pin.frames[self.frame_id("torso")].parentJoint
@@ -206,7 +206,7 @@ class RobotModel:
         pin.forwardKinematics(self.pin, data, q)
         com = pin.centerOfMass(self.pin, data, q)
         total = pin.computeTotalMass(self.pin) + payload.mass
-        moment = total * np.array([*payload.com, 0.0])  # of the shift, without that by the added mass itself
+        moment = total * np.array([*payload.com, 0.0])  # of the shift, minus the contribution of the added mass
         moment[:2] -= payload.mass * (data.oMi[joint].act(torso.lever) - com)[:2]
         lever = torso.lever + data.oMi[joint].rotation.T @ moment / mass
         self.pin.inertias[joint] = pin.Inertia(mass, lever, torso.inertia * mass / torso.mass)
@@ -219,11 +219,11 @@ class RobotModel:
         chain_ids = tuple(int(self.pin.joints[j].idx_v) for j in chain)
         ids = tuple(int(self.pin.joints[j].idx_v) for j in chain if j not in shared)
         friction = self.profile.feet.friction
-        rest = (), (False, False, False), sole.rectangle  # until the posture 'stand' is known
+        rest = (), (False, False, False), sole.rectangle  # placeholders until the posture 'stand' is known
         return Foot(FOOT_NAMES[index], sole.link, frame_id, sole.rectangle, friction, ids, chain_ids, *rest)
 
     def _describe_legs(self) -> None:
-        """Set what the legs can hold in 'stand', where each foot carries half the weight."""
+        """Set ankle, freedoms and bearing area of each foot in 'stand', with half the weight on each foot."""
         q, data, force = self.standing_configuration(), self.data(), 0.5 * self.mass * GRAVITY
         gravity = pin.computeGeneralizedGravity(self.pin, data, q)
         pin.computeJointJacobians(self.pin, data, q)

@@ -1,4 +1,4 @@
-"""One turn of a planar laser scanner, and its validation."""
+"""One scan of a planar laser scanner, and its validation."""
 
 import math
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ import numpy as np
 from models.errors import MessageError
 from models.types import Matrix, Vector
 
-SCAN_FRAME = "scan"  #: Frame of the profile in which the scanner measures: x ahead, z up
-RANGES_MAX = 20000  #: Most readings of a scan [1]; the finest scanners have some 8000
+SCAN_FRAME = "scan"  #: Frame of the scanner in the profile: x forward, z up
+RANGES_MAX = 20000  #: Maximum readings of a scan [1]; the finest scanners have about 8000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,7 +18,7 @@ class Scan:
 
     t: float  # stamp [s]
     angle_min: float  # direction of the first reading in frame ``scan``, from x towards y [rad]
-    angle_increment: float  # from one reading to the next; negative for a scanner that turns clockwise [rad]
+    angle_increment: float  # from one reading to the next; negative for a clockwise scanner [rad]
     ranges: Vector  # (n,) [m]; +inf: nothing in range, -inf: too close to measure, nan: no reading (REP 117)
     range_min: float  # shortest valid distance [m]
     range_max: float  # longest valid distance [m]
@@ -30,7 +30,7 @@ class Scan:
 
     @property
     def points(self) -> Matrix:
-        """Points hit, in the scanner's plane (k, 2) [m]; what is too close to measure is at ``range_min``."""
+        """Measured points in the scanner's plane (k, 2) [m]; too close readings count as ``range_min``."""
         ranges = np.where(np.isneginf(self.ranges), self.range_min, self.ranges)
         index = np.flatnonzero((ranges >= self.range_min) & (ranges <= self.range_max))
         angles, ranges = self.angle_min + self.angle_increment * index, ranges[index]
@@ -38,7 +38,7 @@ class Scan:
 
 
 def check_scan(scan: Scan) -> None:
-    """Raise MessageError for a malformed scan, naming the field."""
+    """Raise ``MessageError`` for a malformed scan, naming the field."""
     for name in ("t", "angle_min", "angle_increment", "range_min", "range_max"):
         value = getattr(scan, name)
         if not math.isfinite(value):

@@ -1,4 +1,4 @@
-"""Finding and reading a URDF for Pinocchio and MuJoCo; an unusable one is refused with file, part, and cause."""
+"""Locate and read a URDF for Pinocchio and MuJoCo; errors name file, joint or link, and cause."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -13,17 +13,17 @@ import pinocchio as pin
 from models.errors import RobotModelError
 from models.types import Matrix
 
-DATA_PACKAGE = "example-robot-data"  #: Distribution of the packaged robots' URDFs and meshes
+DATA_PACKAGE = "example-robot-data"  #: Distribution with URDFs and meshes of the packaged robots
 _DATA_SHARE = Path("share") / "example-robot-data"
 _PACKAGE = "package://"
 
 
 def data_folder() -> Path:
-    """Folder that ``package://example-robot-data/`` stands for; RobotModelError when the package is not installed."""
+    """Folder of ``package://example-robot-data/``; ``RobotModelError`` when the package is not installed."""
     candidates: list[Path] = []
     with suppress(PackageNotFoundError):
         candidates.append(Path(str(distribution(DATA_PACKAGE).locate_file("cmeel.prefix"))) / _DATA_SHARE)
-    # A system installation keeps it under the prefix that Pinocchio lives in: <prefix>/lib/pythonX/site-packages.
+    # A system installation has it under the prefix of Pinocchio: <prefix>/lib/pythonX/site-packages.
     candidates += [parent / _DATA_SHARE for parent in Path(pin.__file__).resolve().parents]
     for folder in candidates:
         if (folder / "robots").is_dir():
@@ -32,11 +32,11 @@ def data_folder() -> Path:
 
 
 def resolve_uri(uri: str, relative_to: Path, packages: Sequence[Path] = ()) -> Path:
-    """Path of a file reference; it need not exist.
+    """Path of a file reference; the file need not exist.
 
-    ``package://PACKAGE/PATH`` outside the packaged data is searched in ``packages`` (packages, or folders of packages)
-    and then in the folders above ``relative_to``, the folder of the file with the reference. ``file://PATH``, absolute
-    paths and paths relative to ``relative_to`` are accepted too.
+    ``package://PACKAGE/PATH`` outside the packaged data is searched in ``packages`` (packages, or folders of packages),
+    then in ``relative_to``, the folder of the file with the reference, and in its parent folders. ``file://PATH``,
+    absolute paths and paths relative to ``relative_to`` are also accepted.
     """
     if uri.startswith("file://"):
         return Path(uri[len("file://") :])
@@ -52,10 +52,10 @@ def resolve_uri(uri: str, relative_to: Path, packages: Sequence[Path] = ()) -> P
 
 
 def read_urdf(path: Path) -> ET.Element:
-    """The ``<robot>`` element of a URDF, refused where Pinocchio or MuJoCo would misread it or crash.
+    """Read the ``<robot>`` element of a URDF; refuses files that Pinocchio or MuJoCo would misread or crash on.
 
-    Raises ``RobotModelError``, with file, joint or link, and cause: unreadable, not XML, no links, a joint without
-    usable limits, of another kind than revolute and fixed or to a missing link, more than one root, or a negative mass.
+    Raises ``RobotModelError``, which names file, joint or link, and cause: unreadable file, invalid XML, no links, a
+    joint without usable limits, neither revolute nor fixed, or to a missing link, several roots, or a negative mass.
     """
     root = parse_description(path)
     if root.tag == "mujoco":
@@ -66,7 +66,7 @@ def read_urdf(path: Path) -> ET.Element:
 
 
 def parse_description(path: Path) -> ET.Element:
-    """The root element of a URDF or MJCF file; ``RobotModelError`` names the file and the cause."""
+    """Read the root element of a URDF or MJCF file; ``RobotModelError`` names the file and the cause."""
     try:
         root = ET.parse(path).getroot()
     except OSError as error:
@@ -79,7 +79,7 @@ def parse_description(path: Path) -> ET.Element:
 
 
 def check_urdf(root: ET.Element, path: Path) -> None:
-    """Refuse what ``read_urdf`` refuses in a ``<robot>`` element; ``path`` names it."""
+    """Validate a ``<robot>`` element, as ``read_urdf`` does; ``path`` names it in errors."""
     links = [_name(link, path) for link in root.findall("link")]
     joints = root.findall("joint")
     _refuse_duplicates(links, "link", path)
@@ -161,10 +161,10 @@ def _number(text: str | None, where: str) -> float:
 
 
 def for_mujoco(path: Path, *, visuals: bool) -> ET.Element:
-    """The URDF for MuJoCo's reader, with a ``<mujoco>`` block: inertias untouched, links unfused, no collision shapes.
+    """URDF for MuJoCo's reader, with a ``<mujoco>`` block: inertias unchanged, links unfused, no collision shapes.
 
-    With ``visuals``, visual shapes whose mesh MuJoCo can read (STL, OBJ) stay, with absolute paths; a visual in another
-    format is replaced by the link's collision shape where that can be read, else left out.
+    With ``visuals``, visual shapes with meshes that MuJoCo can read (STL, OBJ) are kept, with absolute paths. If a link
+    has none, its readable collision shapes are used instead; if it has none either, the link has no shape.
     """
     robot = ET.Element("robot", {"name": path.stem})
     options = {"strippath": "false", "discardvisual": "false" if visuals else "true", "fusestatic": "false"}
@@ -187,9 +187,9 @@ def _link_for_mujoco(link: ET.Element, folder: Path, visuals: bool) -> ET.Elemen
 
 
 def shapes_of(link: ET.Element, folder: Path, kinds: Sequence[str], formats: Sequence[str] = ()) -> list[ET.Element]:
-    """Shapes of a link, as visual ones: those of the first of the ``kinds`` that has any whose mesh is there.
+    """Shapes of a link, as visual elements: the usable shapes of the first kind in ``kinds`` that has any.
 
-    Paths of meshes become absolute; ``formats`` are the suffixes that count, all when empty.
+    A mesh is usable if its file exists and its suffix is in ``formats``, if not empty. Mesh paths become absolute.
     """
     for kind in kinds:
         shapes = [shape for shape in link.findall(kind) if _usable(shape, folder, formats)]
@@ -216,14 +216,14 @@ def pinocchio_from_urdf(urdf: Path) -> pin.Model:
 
 
 def pinocchio_from_element(robot: ET.Element, urdf: Path, *, bodies: bool = True) -> pin.Model:
-    """The same for a ``<robot>`` element; ``urdf`` names it in an error, and ``bodies`` is whether they are checked."""
+    """Like ``pinocchio_from_urdf`` for an element; ``urdf`` names it in errors, ``bodies`` enables inertia checks."""
     check_urdf(robot, urdf)
     text = ET.tostring(robot, encoding="unicode")
     return _checked(lambda: pin.buildModelFromXML(text, pin.JointModelFreeFlyer()), urdf, bodies=bodies)
 
 
 def possible(inertia: Matrix) -> bool:
-    """Whether a body with mass could have this inertia about its centre of mass (3, 3) [kg.m^2]."""
+    """Whether an inertia (3, 3) about the centre of mass [kg.m^2] is physically possible for a body with mass."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     return bool(low > 0.0 and low + middle >= high * (1.0 - 1e-6))  # 1e-6: rounding of printed inertias
 
@@ -231,7 +231,7 @@ def possible(inertia: Matrix) -> bool:
 def _checked(build: Callable[[], pin.Model], urdf: Path, *, bodies: bool = True) -> pin.Model:
     try:
         model = build()
-    except Exception as error:  # Pinocchio raises several kinds, none of them narrower
+    except Exception as error:  # Pinocchio raises several types without a common base
         raise RobotModelError(f"{urdf}: Pinocchio refuses it: {error}") from error
     if bodies:
         _check_bodies(model, urdf)

@@ -1,1 +1,1 @@
-"""Compiled code, rotations, threads."""
+"""Numerical kernels: compilation, rotations, small matrices, hulls and threads."""

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 @njit(cache=True)
 def factorise(matrix: Array) -> bool:
-    """Cholesky factor in the lower triangle, in place; False when the matrix is not positive definite or not finite."""
+    """Factorise in place, in the lower triangle; False if the matrix is not positive definite or not finite."""
     for i in range(matrix.shape[0]):
         for j in range(i + 1):
             total = matrix[i, j]
@@ -29,7 +29,7 @@ def factorise(matrix: Array) -> bool:
 
 @njit(cache=True)
 def solve_factored(factor: Array, right: Array) -> None:
-    """``right = (L L')^-1 right`` (n, k) in place, with L in the lower triangle of ``factor`` (n, n)."""
+    """Solve in place: ``right = (L L')^-1 right`` (n, k), with L in the lower triangle of ``factor`` (n, n)."""
     count, columns = right.shape
     for i in range(count):
         for k in range(i):

@@ -10,9 +10,9 @@ from models.numerics.compiled import njit
 
 @njit(cache=True)
 def convex_hull(points: NDArray[Any], hull: NDArray[Any]) -> int:
-    """Write the corners of the hull of points (n, 2) into ``hull`` (>= 2 n, 2), counter-clockwise; returns how many.
+    """Write the corners of the hull of points (n, 2) to ``hull`` (>= 2 n, 2), counter-clockwise; returns their number.
 
-    Points sorted by x, then y, take linear time. There is no corner for points at one place.
+    Takes linear time for points sorted by x, then y. Coincident points give no corner.
 
     Reference: Andrew: Another efficient algorithm for convex hulls in two dimensions, 1979 (monotone chain).
     """

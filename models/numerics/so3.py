@@ -1,4 +1,4 @@
-"""Compiled rotation kernels: exponential, logarithm, left Jacobian and small products, all without allocation."""
+"""Compiled rotation kernels: exponential, logarithm, left Jacobian, quaternions and small products."""
 
 import math
 
@@ -9,12 +9,12 @@ from models.numerics.compiled import njit
 
 Array = NDArray[np.float64]
 
-SMALL_ANGLE = 1e-6  #: Angle under which the series of the exponential is used [rad]; the dropped terms are below 1e-13
+SMALL_ANGLE = 1e-6  #: Angle below which series are used [rad]; the omitted terms are below 1e-13
 
 
 @njit(cache=True)
 def multiply(a: Array, b: Array, out: Array) -> None:
-    """Product of two matrices (3, 3); ``out`` must not be one of them."""
+    """Product of two matrices (3, 3); ``out`` must not alias an input."""
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
@@ -22,21 +22,21 @@ def multiply(a: Array, b: Array, out: Array) -> None:
 
 @njit(cache=True)
 def rotate(rotation: Array, x: Array, out: Array) -> None:
-    """Product of a matrix (3, 3) and a vector (3,); ``out`` must not be ``x``."""
+    """Product of a matrix (3, 3) and a vector (3,); ``out`` must not alias ``x``."""
     for i in range(3):
         out[i] = rotation[i, 0] * x[0] + rotation[i, 1] * x[1] + rotation[i, 2] * x[2]
 
 
 @njit(cache=True)
 def rotate_transposed(rotation: Array, x: Array, out: Array) -> None:
-    """Product of a transposed matrix (3, 3) and a vector (3,); ``out`` must not be ``x``."""
+    """Product of a transposed matrix (3, 3) and a vector (3,); ``out`` must not alias ``x``."""
     for i in range(3):
         out[i] = rotation[0, i] * x[0] + rotation[1, i] * x[1] + rotation[2, i] * x[2]
 
 
 @njit(cache=True)
 def turn_noise(rotation: Array, noise: Array, out: Array) -> None:
-    """Covariance (6, 6) of two vectors (linear, angular) in the frame that ``rotation`` (3, 3) turns them into."""
+    """Covariance (6, 6) ``D noise D'``, D = diag(R, R): rotates that of two vectors by R = ``rotation`` (3, 3)."""
     half = np.empty((3, 6))
     for a in range(0, 6, 3):
         for i in range(3):
@@ -69,7 +69,7 @@ def _polynomial(phi: Array, a: float, b: float, out: Array) -> None:
 
 @njit(cache=True)
 def exponential(phi: Array, out: Array) -> None:
-    """Rodrigues' formula: rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
+    """Rotation matrix (3, 3) of a rotation vector (3,) [rad], by Rodrigues' formula."""
     angle = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
     if angle < SMALL_ANGLE:
         _polynomial(phi, 1.0, 0.5, out)
@@ -80,9 +80,9 @@ def exponential(phi: Array, out: Array) -> None:
 
 @njit(cache=True)
 def left_jacobian(phi: Array, out: Array) -> None:
-    """``int_0^1 Exp(s phi) ds`` (3, 3) of a rotation vector (3,) [rad]."""
+    """Left Jacobian ``int_0^1 Exp(s phi) ds`` (3, 3) of a rotation vector (3,) [rad]."""
     angle = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
-    if angle < 1e-4:  # the closed form loses digits sooner than the exponential does
+    if angle < 1e-4:  # the closed form loses digits at larger angles than the exponential
         _polynomial(phi, 0.5, 1.0 / 6.0, out)
     else:
         half = math.sin(0.5 * angle) / (0.5 * angle)
@@ -91,7 +91,7 @@ def left_jacobian(phi: Array, out: Array) -> None:
 
 @njit(cache=True)
 def logarithm(rotation: Array, out: Array) -> None:
-    """Rotation vector (3,) [rad] of a rotation matrix (3, 3), through its quaternion so that it holds up to pi."""
+    """Rotation vector (3,) [rad] of a rotation matrix (3, 3), via the quaternion; valid up to pi."""
     quaternion = np.empty(4)
     to_quaternion(rotation, quaternion)
     sine = math.sqrt(quaternion[0] ** 2 + quaternion[1] ** 2 + quaternion[2] ** 2)
@@ -102,7 +102,7 @@ def logarithm(rotation: Array, out: Array) -> None:
 
 @njit(cache=True)
 def to_quaternion(rotation: Array, out: Array) -> None:
-    """Unit quaternion xyzw with w >= 0 (4,) of a rotation matrix (3, 3), by the largest component."""
+    """Unit quaternion xyzw with w >= 0 (4,) of a rotation matrix (3, 3); divides by the largest component."""
     r00, r11, r22 = rotation[0, 0], rotation[1, 1], rotation[2, 2]
     trace = r00 + r11 + r22
     if trace > 0.0:
@@ -131,9 +131,9 @@ def to_quaternion(rotation: Array, out: Array) -> None:
 
 @njit(cache=True)
 def orthonormalise(rotation: Array) -> None:
-    """One Newton step towards the nearest rotation, in place: ``R <- R (3 I - R' R) / 2`` (3, 3).
+    """One Newton step to the nearest rotation, in place: ``R <- R (3 I - R' R) / 2`` (3, 3).
 
-    Products of rotations drift off the group by rounding (1e-16 a step); the step is quadratic, so one a tick suffices.
+    Products of rotations drift off the group by rounding (1e-16 per step); one quadratic step per tick suffices.
     """
     copy = rotation.copy()
     for i in range(3):
@@ -156,7 +156,7 @@ def quaternion_matrix(quaternion: Array, out: Array) -> None:
 
 @njit(cache=True)
 def rotation_error(current: Array, desired: Array, out: Array) -> None:
-    """Write ``log(current' desired)``, in the current frame (3,) [rad]; ``current`` may be larger, such as a pose."""
+    """Write ``log(current' desired)`` in the current frame (3,) [rad]; reads only the upper left (3, 3)."""
     turn = np.empty((3, 3))
     for i in range(3):
         for j in range(3):

@@ -1,8 +1,8 @@
-"""Records of arrays that compiled code takes as one pointer.
+"""Records of arrays that are passed to compiled code as one pointer.
 
-Passing an array to a kernel takes about 0.1 us, in a ``NamedTuple`` more. ``unbox`` stores a record of arrays in
-compiled memory once; every call then passes a handle, which takes 0.3 us for any number of arrays. Kernels read the
-record by its field::
+Passing an array to a kernel takes about 0.1 us, and more in a ``NamedTuple``. ``unbox`` stores a record of arrays in
+compiled memory once. Every call then passes a handle, which takes 0.3 us for any number of arrays. Kernels read the
+field ``record``::
 
     data = unbox(Data(np.zeros(3), np.zeros((3, 3))))
 
@@ -10,10 +10,10 @@ record by its field::
     def kernel(data: Unboxed[Data]) -> float:
         return data.record.vector[0]
 
-The elements of the arrays may change, in Python and in kernels. The arrays and the numbers of the record are fixed.
+Python and kernels may change the elements of the arrays. The arrays and the numbers of the record are fixed.
 
 Arrays read from a handle are borrowed: kernels do not count references to them, because counting takes longer than
-many kernels. So a kernel must not return such an array, nor store it in another record.
+many kernels. A kernel must not return such an array or store it in another record.
 """
 
 from functools import cache
@@ -34,10 +34,10 @@ class _UnboxedType(types.StructRef):
 
 
 class Unboxed(structref.StructRefProxy, Generic[T]):
-    """Handle of a record in compiled memory."""
+    """Handle to a record in compiled memory."""
 
-    record: T  #: The record; only compiled code reads it
-    _numba_type_ = vars(structref.StructRefProxy)["_type"]  # every call reads it: the slot, not a property in Python
+    record: T  #: The record; readable in compiled code only
+    _numba_type_ = vars(structref.StructRefProxy)["_type"]  # read on every call: the slot, not a Python property
 
 
 structref.define_proxy(Unboxed, _UnboxedType, ["record"])
@@ -45,13 +45,13 @@ structref.define_proxy(Unboxed, _UnboxedType, ["record"])
 
 @lower_getattr(_UnboxedType, "record")
 def _read_record(context: Any, builder: Any, handle: Any, value: Any) -> Any:
-    """The record with borrowed arrays, instead of one with as many references taken as it has arrays."""
+    """Read the record with borrowed arrays, without taking a reference to each array."""
     record = structref._Utils(context, builder, handle).get_data_struct(value).record
     return _borrow(context, builder, handle.field_dict["record"], record)
 
 
 def _borrow(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """An array, or the arrays of a record, without owner."""
+    """Array, or record of arrays, without owner."""
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, value)
         array.meminfo, array.parent = (cgutils.get_null_value(each.type) for each in (array.meminfo, array.parent))
@@ -65,9 +65,9 @@ def _borrow(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 @cache
 def _keeper(module: str) -> Any:
-    """Compiled function that keeps the records of a module; one for each.
+    """Compiled function that stores the records of a module; one function per module.
 
-    The index of its cache contains the types of the records, so reading it imports their modules.
+    Its cache index contains the types of the records, so reading the index imports their modules.
     """
 
     def keep(record: Any) -> Any:
@@ -78,6 +78,6 @@ def _keeper(module: str) -> Any:
 
 
 def unbox(record: T) -> Unboxed[T]:
-    """Keep a record, of arrays, numbers and further records, in compiled memory."""
+    """Store a record of arrays, numbers and nested records in compiled memory."""
     kept: Unboxed[T] = _keeper(type(record).__module__)(record)
     return kept
