@@ -242,7 +242,7 @@ class Hardware:
     saturation: Share  #: share of the torque limit above which a joint counts as at the limit [-]
     foreign_commands: Thresholds  #: rate of LowCmds of other programs; ``persistence`` does not apply [Hz]
     motor_error: Literal["warn", "hold", "damp"]  #: reaction to an error word of a drive
-    stop_buttons: Annotated[tuple[str, ...], Field(min_length=1)]  #: buttons of the remote controller that damp the robot
+    stop_buttons: Annotated[tuple[str, ...], Field(min_length=1)]  #: buttons of the remote controller for damping
     persistence: Positive  #: minimum time of a value beyond a threshold [s]
     #: lowest supply voltage of the drives; 0: not measured; none for a robot that does not measure it [V]
     voltage: Thresholds | None = None

@@ -1,1 +1,1 @@
-"""From a URDF alone to the profile of a robot: feet, soles, mirror pairs, frames, drives, a standing posture."""
+"""Proposal of a robot profile from a URDF alone: feet, soles, mirror pairs, frames, drives, standing posture."""

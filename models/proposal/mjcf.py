@@ -1,11 +1,11 @@
-"""An MJCF file as a URDF: tree, inertias, limits and shapes of the compiled model, and the drives that it describes.
+"""Conversion of MJCF to URDF: tree, inertias, limits and shapes of the compiled model, and data of the drives.
 
-A URDF has a link's frame at its joint, MJCF beside it (``pos`` of the joint), and its joints are zero where MJCF says
-``ref``. With body frame B, joint anchor p and axis u in B, and parent link at p_P in the parent body,
+In a URDF the frame of a link lies at its joint. In MJCF the joint has an offset ``pos`` in the body, and the reference
+position ``ref``. With body frame B, joint anchor p and axis u in B, and parent link at p_P in the parent body,
 
     link L = B shifted by p      T_PL(q = 0) = [-p_P] T_PB [p] R(u, -ref)      p_X in L = p_X in B - p
 
-so that joint positions, inertias and frames are those of MuJoCo. What a URDF has no words for is returned beside it.
+preserves joint positions, inertias and frames. Data that a URDF cannot express are returned separately.
 """
 
 import xml.etree.ElementTree as ET
@@ -21,7 +21,7 @@ from models.errors import RobotModelError
 from models.proposal.shapes import MISSING, Description, DriveData, Finding, found
 from models.types import Matrix, Vector
 
-# Kinds as numbers: MuJoCo's enumerations do not equal the NumPy integers of a model.
+# As integers: MuJoCo's enumerations do not compare equal to the NumPy integers of a model.
 _KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): "revolute", int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic"}
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _GEOM = mujoco.mjtGeom
@@ -30,7 +30,7 @@ _CLOSED = {int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)}
 
 
 def read_mjcf(path: Path) -> Description:
-    """The robot of an MJCF file: the body with a free joint and most joints, else the child of the world with most.
+    """Robot of an MJCF file: the free-floating body with the most joints, else the child of the world with the most.
 
     Raises ``RobotModelError`` when MuJoCo refuses the file or a body cannot be a link: a ball joint, or several joints.
     """
@@ -48,7 +48,7 @@ def _mesh_file(spec: Any, mesh: Any) -> Path:
 
 
 def _drop_missing(spec: Any) -> list[Finding]:
-    """Take out shapes whose mesh file is missing, and textures, so that the rest compiles."""
+    """Delete textures, materials, and shapes whose mesh file is missing, so that the rest compiles."""
     for texture in list(spec.textures):
         spec.delete(texture)
     for material in list(spec.materials):
@@ -67,7 +67,7 @@ def _drop_missing(spec: Any) -> list[Finding]:
 
 
 class _Converter:
-    """One compiled model."""
+    """Converter of one compiled model."""
 
     def __init__(self, model: Any, spec: Any, path: Path) -> None:
         self._model, self._spec, self._path = model, spec, path
@@ -116,7 +116,7 @@ class _Converter:
             inertial = ET.SubElement(link, "inertial")
             _origin(inertial, model.body_ipos[body] - self._anchors[body], model.body_iquat[body])
             ET.SubElement(inertial, "mass", value=_text(model.body_mass[body]))
-            xx, yy, zz = map(_text, model.body_inertia[body])  # a flat body's is at its bound: unturned, exact
+            xx, yy, zz = map(_text, model.body_inertia[body])  # a flat body's is at its bound: rotation would round it
             ET.SubElement(inertial, "inertia", ixx=xx, iyy=yy, izz=zz, ixy="0", ixz="0", iyz="0")
         first = int(model.body_geomadr[body])
         touching = {int(g) for pair in (model.pair_geom1, model.pair_geom2) for g in pair}
@@ -128,7 +128,7 @@ class _Converter:
                 ET.SubElement(element, "geometry").append(shape)
 
     def _shapes(self, geom: int) -> Iterator[tuple[pin.SE3, ET.Element]]:
-        """Shapes that together are a geom, with their poses in its body."""
+        """Shapes that represent a geom, with their poses in its body."""
         model, kind = self._model, _GEOM(int(self._model.geom_type[geom]))
         pose, (x, y, z) = _pose(model.geom_pos[geom], model.geom_quat[geom]), model.geom_size[geom].tolist()
         if kind == _GEOM.mjGEOM_SPHERE:
@@ -144,7 +144,7 @@ class _Converter:
             file = self._spec.mesh(model.mesh(mesh).name).file
             if file:
                 path = _mesh_file(self._spec, self._spec.mesh(model.mesh(mesh).name))
-                moved = _pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by the compiler, into its principal axes
+                moved = _pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by the compiler, to principal axes
                 scale = " ".join(_text(value) for value in model.mesh_scale[mesh])
                 yield pose * moved.inverse(), ET.Element("mesh", filename=str(path.resolve()), scale=scale)
 
@@ -174,7 +174,7 @@ class _Converter:
         _origin(joint, place.translation, _wxyz(place.rotation))
 
     def _add_limits(self, joint: ET.Element, index: int) -> None:
-        """Range and torque where MJCF limits them; what is missing is left to ``repair_joints``."""
+        """Add limits of range and torque, and mimic elements; ``repair_joints`` fills missing limits."""
         model, limit = self._model, ET.SubElement(joint, "limit")
         if model.jnt_limited[index]:
             lower, upper = model.jnt_range[index]
@@ -196,7 +196,7 @@ class _Converter:
         return kind in _OF_JOINT and target == joint
 
     def _torque(self, actuator: int) -> float:
-        """Largest torque of an actuator [N.m]; infinite where MJCF does not limit it."""
+        """Maximum torque of an actuator [N.m]; infinite without a limit."""
         model, most = self._model, np.inf
         if model.actuator_forcelimited[actuator]:
             most = float(np.abs(model.actuator_forcerange[actuator]).max())
@@ -207,7 +207,7 @@ class _Converter:
         return most * abs(float(model.actuator_gear[actuator][0]))
 
     def _add_imus(self) -> None:
-        """A link without mass at each site with a gyro, or called IMU."""
+        """Add a massless link at each site that has a gyro or is named like an IMU."""
         model, links = self._model, {link.get("name") for link in self._robot.findall("link")}
         gyros = model.sensor_type == int(mujoco.mjtSensor.mjSENS_GYRO)
         sites = {int(i) for i in model.sensor_objid[gyros]}

@@ -1,15 +1,15 @@
-"""A standing posture: knees a little bent, soles flat and level, the CoM above their middle, hands beside the body.
+"""Standing posture: knees slightly bent, soles flat and level, CoM above their middle, hands beside the body.
 
-The joints x of both legs solve, by bounded least squares with the base upright at the origin,
+The leg joints x solve, by bounded least squares with the base upright at the origin,
 
     log(R_i(x)) = 0     y_i(x) = +-w / 2     z_l(x) = z_r(x)     x_c(x) - x_i(x) - m = 0     k_i(x) = k_0 + b
 
-for both soles i: rotation R_i, position (x_i, y_i, z_i), middle m of the rectangle ahead of the sole's origin, abscissa
-x_c of the CoM, knee angle k_i, its value k_0 with the leg stretched, and the bend b. The arms solve for the place of
-the wrist below and ahead of the shoulder and are drawn to their zero otherwise.
+for both soles i, with rotation R_i, position (x_i, y_i, z_i), lateral distance w of the soles, middle m of the range of
+x where the ankle can hold the CoP, x_c of the CoM, knee angle k_i, angle k_0 of the stretched leg, and bend b. The arms
+solve for a position of the wrist below and ahead of the shoulder, with a small weight towards zero.
 
-A leg carries the robot alone with ``torque_share`` of its knee's torque; where the knee has less, the bend b is
-smaller, down to ``knee_least``.
+If standing on one leg takes more than ``torque_share`` of a knee's torque limit, the bend b is reduced, down to
+``knee_least``.
 """
 
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ from models.proposal.skeleton import BASE, Legs, Skeleton
 from models.proposal.soles import SoleShape
 from models.types import Vector
 
-_BISECTIONS = 5  #: Of the bend of weak knees
+_BISECTIONS = 5  #: Bisection steps for the bend of weak knees [1]
 
 
 def knee_shares(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: list[int], q: Vector) -> list[float]:
-    """Share of each knee's torque limit that standing on its leg alone takes, in the configuration q (nq,) [-].
+    """Share of each knee's torque limit required to stand on that leg alone, in the configuration q (nq,) [-].
 
-    tau = g(q) - J^T f with the weight f = m g on a point of the foot that is below the CoM in the sagittal plane; the
-    sideways position has no effect on the knee.
+    tau = g(q) - J^T f, with the weight f = m g at a point of the foot below the CoM in the sagittal plane. The lateral
+    position of the point does not affect the knee.
     """
     model = skeleton.model
     data = model.createData()
@@ -51,24 +51,24 @@ def knee_shares(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: li
     return shares
 
 
-Knee = tuple[int, float, float]  #: A joint, its angle with the leg stretched, and its bend from there [rad]
+Knee = tuple[int, float, float]  #: Joint, its angle with the leg stretched, and its bend relative to that angle [rad]
 
-_HABIT = 1e-3  #: Weight of staying at zero against the tasks
-_SMALL = 5e-4  #: A joint that is closer to zero is left out of the posture [rad]
+_HABIT = 1e-3  #: Weight of staying near the initial posture, relative to the tasks [-]
+_SMALL = 5e-4  #: Joints closer to zero are omitted from the posture [rad]
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """A standing posture."""
+    """Solution of ``PostureSolver``."""
 
     joints: dict[str, float]  # positions of the joints that are not at zero [rad]
     com_height: float  # above the soles [m]
     findings: tuple[Finding, ...]
-    unmet: Finding | None  # why this is no posture to stand in
+    unmet: Finding | None  # why the robot cannot stand in this posture; None if it can
 
 
 class PostureSolver:
-    """Finds the standing posture of one robot."""
+    """Computes the standing posture of one robot."""
 
     def __init__(
         self, skeleton: Skeleton, legs: Legs, soles: tuple[SoleShape, SoleShape], config: PostureConfig
@@ -84,7 +84,7 @@ class PostureSolver:
         self._q[7:] = np.clip(0.0, self._lower[7:], self._upper[7:])
 
     def solve(self, arms: tuple[tuple[int, ...], tuple[int, ...]]) -> Standing:
-        """Place the hands, then the legs under the CoM that results; ``arms`` are joints of both arms, or empty."""
+        """Place the hands, then the legs under the resulting CoM; ``arms`` are the joints of both arms, or empty."""
         findings: list[Finding] = []
         for side, arm in zip((1.0, -1.0), arms, strict=True):
             if arm:
@@ -124,7 +124,7 @@ class PostureSolver:
         return Standing(joints, height, tuple(findings), unmet)
 
     def _taken(self, knees: list[Knee]) -> float:
-        """Largest share of a knee's torque limit that standing on one leg takes [-]."""
+        """Maximum share of a knee's torque limit required to stand on one leg [-]."""
         return max(knee_shares(self._skeleton, self._legs.both, [knee for knee, _, _ in knees], self._q))
 
     def _straighten(self, knees: list[Knee]) -> Vector:
@@ -158,7 +158,7 @@ class PostureSolver:
         return places
 
     def _knee(self, leg: tuple[int, ...]) -> Knee:
-        """Knee, the joint that shortens the leg most; its angle with the leg stretched, and its bend [rad]."""
+        """Find the knee, the joint that changes the length of the leg most, its stretched angle and its bend [rad]."""
         best = (0.0, leg[0], 0.0, 0.0)
         for joint in leg[1:-1]:
             i = int(self._model.joints[joint].idx_q)
@@ -179,7 +179,7 @@ class PostureSolver:
         return float(np.linalg.norm(self._data.oMi[leg[-1]].translation - self._data.oMi[leg[0]].translation))
 
     def _bend(self, leg: tuple[int, ...], knee: int, angle: float) -> None:
-        """A start for the solver: the knee bent, half of it taken back by the pitch joints on either side."""
+        """Initial guess: bend the knee and compensate half of its angle in each other pitch joint of the leg."""
         axes = self._skeleton.axes
         pitch = [j for j in leg if abs(float(axes[j] @ axes[knee])) > 0.9 and j != knee]
         self._q[self._index((knee,))] = angle
@@ -217,12 +217,12 @@ class PostureSolver:
             xtol=1e-12,
             ftol=1e-12,
         )
-        # Once more without the habit, from next to the solution, so that the soles are flat to the last bit.
+        # Solve again without regularisation, from the previous solution, so that the soles are exactly flat.
         final = least_squares(errors, result.x, bounds=(self._lower[indices] - span, self._upper[indices] + span))
         return np.asarray(errors(final.x))
 
     def _middle(self, leg: tuple[int, ...], sole: SoleShape) -> float:
-        """Middle of what the ankle can hold of a sole with half the weight, ahead of the ankle [m]."""
+        """Middle of the range of x, from the ankle, where the ankle can hold the CoP with half the weight [m]."""
         skeleton, model, joints = self._skeleton, self._model, list(leg)
         floor = (skeleton.place(sole.link) * sole.placement).translation[2]
         heights = skeleton.origins[joints, 2] - floor
@@ -235,7 +235,7 @@ class PostureSolver:
     def _place_hand(self, arm: tuple[int, ...], side: float) -> None:
         indices = self._index(arm)
         self._forward()
-        if not (length := self._skeleton.reach(list(arm))):  # a shoulder alone has no place to choose
+        if not (length := self._skeleton.reach(list(arm))):  # a shoulder alone cannot place a hand
             return
         ahead, outward, up = self._config.hands[0]
         target = self._data.oMi[arm[0]].translation + length * np.array([ahead, side * outward, up])
@@ -248,7 +248,7 @@ class PostureSolver:
             return np.concatenate([miss, np.sqrt(_HABIT) * (x - start)])
 
         inside = 0.5 * (self._lower[indices] + self._upper[indices])
-        guess = start + 0.1 * (inside - start)  # off the limits, and off a stretched elbow
+        guess = start + 0.1 * (inside - start)  # away from the limits and from a stretched elbow
         result = least_squares(errors, guess, bounds=(self._lower[indices] - 1e-9, self._upper[indices] + 1e-9))
         self._q[indices] = np.clip(result.x, self._lower[indices], self._upper[indices])
 
@@ -260,7 +260,7 @@ class PostureSolver:
         return [joint for joint, left in zip(joints, room, strict=True) if left < 1e-3]
 
     def _needs(self, knees: list[int]) -> str:
-        """Where the joints at their limits would be with as bent knees and level soles; empty without such a place."""
+        """Angles that the joints at their limits need for level soles at the same knee bend; empty without solution."""
         stuck, q, limits = self._at_limits(), self._q.copy(), (self._lower.copy(), self._upper.copy())
         at = self._index(tuple(stuck))
         self._lower[at], self._upper[at] = -np.pi, np.pi

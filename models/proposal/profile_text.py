@@ -1,4 +1,4 @@
-"""A proposed profile as commented YAML, and the files that it needs."""
+"""Writes a proposed profile as commented YAML, and its repaired URDF."""
 
 import xml.etree.ElementTree as ET
 from dataclasses import asdict, replace
@@ -13,7 +13,7 @@ from models.errors import ConfigError
 from models.profile import EncoderSensor, FootSensor, ImuSensor, Latency
 from models.proposal.propose import Proposal
 
-_WIDTH = 120  #: Longest line of a comment
+_WIDTH = 120  #: Maximum line length of a comment
 _TEXT = """\
 # {name}: proposed by `poise check-robot` from {urdf}.
 # {mass:.1f} kg, CoM {com:.3f} m above the soles, legs of {leg:.3f} m. Everything below that is not in the URDF is an
@@ -50,9 +50,9 @@ hulls:
 
 
 def write_proposal(proposal: Proposal, path: Path) -> list[Path]:
-    """Write the profile and, if it had to be changed, the URDF next to it; returns the files, the profile first.
+    """Write the profile and, if it was repaired, the URDF beside it; returns the files, profile first.
 
-    Raises ``ConfigError`` where that URDF would replace the one that it is made from.
+    Raises ``ConfigError`` if the repaired URDF would overwrite its source.
     """
     if proposal.robot is not None:
         file = f"{path.stem}_repaired.urdf"
@@ -71,7 +71,7 @@ def write_proposal(proposal: Proposal, path: Path) -> list[Path]:
 
 
 def profile_text(proposal: Proposal) -> str:
-    """The profile as YAML with comments and units, ready for ``models.profile.load_profile``."""
+    """Profile as YAML with comments and units, readable by ``models.profile.load_profile``."""
     profile = proposal.profile
     data: dict[str, Any] = asdict(profile)
     findings = "".join(
@@ -107,7 +107,7 @@ def _flow(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """The record without default values: None, and poses at rest."""
+    """Plain data without None and without zero ``xyz`` and ``rpy``."""
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items() if v is not None and not (k in ("xyz", "rpy") and not any(v))}
     return list(value) if isinstance(value, tuple) else value

@@ -1,13 +1,13 @@
-"""From a URDF or MJCF to a profile: read, repair, find limbs and soles, choose drives where the maker gives no data.
+"""Proposal of a profile from a URDF or MJCF: read, repair, find limbs and soles, choose drives without maker data.
 
-With mass m, height h of the CoM, gravity g and the torque limit tau of a joint,
+With mass m, CoM height h, gravity g and torque limit tau of a joint,
 
     armature = clip(a tau h / g, a_min m h^2, a_max m h^2)       kp = k sqrt(tau m g h)      kd = T sqrt(h / g) kp
 
-so that robots of one shape and of different sizes behave alike (all terms scale with mass and length as they must).
-a, k and T lie between those of the G1 and of TALOS. kd stays below c I / dt, with the inertia I = 1 / (M^-1)_ii at
-the joint and the tick dt of its driver: beyond, the sampled velocity gain of a light wrist oscillates. Armature and
-friction that an MJCF file gives are taken over.
+so that robots of equal shape and different size behave alike: all terms scale correctly with mass and length.
+a, k and T lie between the values of the G1 and of TALOS. kd is at most c I / dt, with the inertia I = 1 / (M^-1)_ii at
+the joint and the tick dt of the driver; with a larger kd the sampled velocity loop of a light wrist oscillates.
+Armature and friction of an MJCF file are kept.
 """
 
 import re
@@ -36,7 +36,7 @@ from models.urdf import parse_description, pinocchio_from_element
 def propose_drives(
     skeleton: Skeleton, height: float, config: DriveConfig, given: Mapping[str, DriveData]
 ) -> tuple[dict[str, Motor], dict[str, Joint], list[Finding]]:
-    """Motors and joints by name for a CoM height [m] and ``given`` data; findings name implausible friction."""
+    """Motors and joints by name, from the CoM ``height`` [m] and ``given`` data; findings name implausible friction."""
     model = skeleton.model
     mass = float(pin.computeTotalMass(model))
     inertias = _joint_inertias(skeleton)
@@ -52,7 +52,7 @@ def propose_drives(
             continue
         torque = float(model.effortLimit[v])
         weight = mass * GRAVITY * height
-        effective = min(torque, weight)  # some URDFs write 1000 N.m for "plenty"
+        effective = min(torque, weight)  # some URDFs state 1000 N.m in place of a limit
         armature = float(
             np.clip(
                 config.armature_torque * effective * height / GRAVITY,
@@ -85,7 +85,7 @@ def propose_drives(
 
 
 def _joint_inertias(skeleton: Skeleton) -> Vector:
-    """Inertia at each velocity coordinate with all others free, without rotors (nv,) [kg.m^2]."""
+    """Inertia at each velocity coordinate with all others free, without rotor inertia (nv,) [kg.m^2]."""
     model = skeleton.model
     data = model.createData()
     upper = np.triu(pin.crba(model, data, pin.neutral(model)))
@@ -97,7 +97,7 @@ def _rounded(value: float) -> float:
 
 
 def _motor_name(motors: dict[str, Motor], motor: Motor, torque: float) -> str:
-    """Name of a motor, which is added unless ``motors`` has an equal one."""
+    """Name of a motor; adds it to ``motors`` unless an equal one exists."""
     for name, known in motors.items():
         if known == motor:
             return name
@@ -110,29 +110,29 @@ def _motor_name(motors: dict[str, Motor], motor: Motor, torque: float) -> str:
     return name
 
 
-FORWARD = "base_forward"  #: Link put above a base that looks backward
-_EQUAL = 0.02  #: Limits of partners that differ by less count as equal [rad], [-]
-_PATTERN = "g1"  #: Packaged robot whose sensors a proposal takes
-_PATTERN_MASS = 33.3  #: Its mass [kg]
+FORWARD = "base_forward"  #: New root link above a base whose x axis points backward
+_EQUAL = 0.02  #: Maximum difference of equal limits of partners [rad], [-]
+_PATTERN = "g1"  #: Packaged robot that provides the sensors of a proposal
+_PATTERN_MASS = 33.3  #: Mass of that robot [kg]
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A profile as found, and all findings."""
+    """Proposed profile, and all findings."""
 
     source: Path  # the original URDF
-    profile: Profile  # its ``urdf`` is the original one; ``write_proposal`` names a file for ``robot``
-    robot: ET.Element | None  # the changed URDF where the original one had to be changed, else None
+    profile: Profile  # ``write_proposal`` sets ``urdf`` to the file that it writes for ``robot``
+    robot: ET.Element | None  # repaired URDF; None if the original needs no repair
     findings: tuple[Finding, ...]  # missing or wrong parts
-    pairs: tuple[tuple[str, str], ...]  # names of the joints that mirror each other, left and right
+    pairs: tuple[tuple[str, str], ...]  # names of mirrored joints, left and right
     mass: float  # total [kg]
     com_height: float  # above the soles in the posture 'stand' [m]
     leg_length: float  # from hip to ankle along the leg [m]
-    unmet: Finding | None = None  # why the posture 'stand' is none; also one of the findings
+    unmet: Finding | None = None  # why the robot cannot stand in 'stand'; also one of the findings
 
 
 def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | None = None) -> Proposal:
-    """Propose a profile for a robot of which only a URDF or MJCF is given; ``RobotModelError`` if it is unusable."""
+    """Propose a profile from a URDF or MJCF; ``packages`` are searched for meshes. ``RobotModelError`` if unusable."""
     urdf = urdf.expanduser().resolve()
     config = config or default_config(ProposalConfig, "models", "proposal")
     source = _read(urdf)
@@ -192,7 +192,7 @@ def _read(path: Path) -> Description:
     root = parse_description(path)
     if root.tag == "robot":
         return Description(root)
-    from models.proposal.mjcf import read_mjcf  # needs mujoco, which the laws do without
+    from models.proposal.mjcf import read_mjcf  # imports mujoco, which the laws do not need
 
     return read_mjcf(path)
 
@@ -208,7 +208,7 @@ def _robot_name(robot: ET.Element, urdf: Path) -> str:
 
 
 def _backward(robot: ET.Element, skeleton: Skeleton, legs: Legs, lopsided: float, findings: list[Finding]) -> bool:
-    """Whether the base's x axis points backward: by the names left and right, else by the toes."""
+    """Whether the base's x axis points backward, from the names left and right, else from the toes."""
     points = foot_points(robot, skeleton, legs.left[-1])
     ahead, behind = (float(points[:, 0].max()), -float(points[:, 0].min())) if len(points) else (0.0, 0.0)
     toes = None if not max(ahead, behind) > lopsided * min(ahead, behind) else ahead > behind
@@ -225,7 +225,7 @@ def _backward(robot: ET.Element, skeleton: Skeleton, legs: Legs, lopsided: float
 
 
 def _turn_round(robot: ET.Element) -> None:
-    """Put a new base above the old one, half a turn about z away, in place; it alone may be called base_link."""
+    """Add in place a new base above the old one, rotated by 180 deg about z; renames an old base called base_link."""
     old = _root(robot)
     for link in robot.findall("link"):
         if link.get("name") == old == BASE_LINK:
@@ -249,7 +249,7 @@ def _sole(shape: SoleShape) -> Sole:
 
 
 def _sensors(mass: float) -> Sensors:
-    """The sensors of the G1 without those that look around; data of the foot sensors scale with the robot's mass."""
+    """Sensors of the G1 without scanner, cameras and lidar; data of the foot sensors are scaled by the mass."""
     pattern = load_profile(_PATTERN)
     sensors = pattern.sensors
     ratio = mass / _PATTERN_MASS

@@ -1,4 +1,4 @@
-"""Repairs of a URDF that the loader would refuse: joints, names of links, and impossible inertias."""
+"""Repair of a URDF that the loader would refuse: joints, names of links, and impossible inertias."""
 
 import xml.etree.ElementTree as ET
 
@@ -24,16 +24,16 @@ from models.proposal.skeleton import BASE, Skeleton
 from models.types import Matrix
 from models.urdf import possible
 
-BASE_LINK = "base_link"  #: Name of REP-105 for the base: that of the root of many robots
+BASE_LINK = "base_link"  #: Name of the base in REP-105; also the root link of many robots
 _UNSUPPORTED = ("prismatic", "planar")
 
 
 def repair_joints(robot: ET.Element, config: RepairConfig) -> list[Finding]:
-    """Change joints in place so that ``models.urdf.check_urdf`` has no cause left to refuse them; returns the changes.
+    """Change joints in place so that ``models.urdf.check_urdf`` accepts them; returns the changes.
 
-    Mimic, prismatic and planar joints are fixed at zero; so is a joint that moves nothing with a mass, and one without
-    torque that moves next to nothing, such as a finger. Any other joint without limits gets estimates. A floating joint
-    at the root goes, with its massless parent, since the loader adds the base itself.
+    Mimic, prismatic and planar joints are fixed at zero, as are joints that move no mass, and joints without torque
+    limit that move very little mass, such as fingers. Other joints without limits get estimates. A floating joint at
+    the root is removed with its massless parent, because the loader adds the floating base.
     """
     findings = _unfloat(robot)
     mimics = [joint for joint in _moving(robot) if joint.find("mimic") is not None]
@@ -60,7 +60,7 @@ def repair_joints(robot: ET.Element, config: RepairConfig) -> list[Finding]:
 
 
 def rename_links(robot: ET.Element) -> list[Finding]:
-    """Rename links that are named like a frame of the profile: /tf and MuJoCo need unique names."""
+    """Rename links with the name of a frame of the profile; /tf and MuJoCo require unique names."""
     children = {end(joint, "child") for joint in robot.findall("joint")}
     links = links_by_name(robot)
     renamed = {}
@@ -117,7 +117,7 @@ def _fix(joints: list[ET.Element], fault: str) -> list[Finding]:
 
 
 def _fill_torque(robot: ET.Element, config: RepairConfig) -> list[Finding]:
-    """Torque limits: missing ones are estimated, unless the joint moves so little that it is better fixed."""
+    """Estimate missing torque limits; fix joints that move very little mass."""
     without = [joint for joint in _moving(robot) if _value(joint, "effort") <= 0.0]
     weights = masses(robot)
     mass = sum(weights.values())
@@ -139,14 +139,14 @@ def _assume(joints: list[ET.Element], limits: dict[str, float], fault: str, reme
 _MIRROR = np.diag([1.0, -1.0, 1.0])
 _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
-_DIGITS = 12  #: Digits that count of an inertia in a message; less is the rounding of a printed zero
-_DENSITY = 1000.0  #: Of a body without shapes, as a solid ball [kg/m^3]
-#: Radius of gyration, over the leg's length, beyond which an inertia is a placeholder rather than a body's [-]
+_DIGITS = 12  #: Decimals of an inertia in a message; further ones are the rounding of a printed zero
+_DENSITY = 1000.0  #: Density of a body without shapes, as a solid ball [kg/m^3]
+#: Radius of gyration, over the leg's length, above which an inertia counts as a placeholder [-]
 _SPREAD = 0.5
 
 
 def repair_inertias(robot: ET.Element, skeleton: Skeleton) -> list[Finding]:
-    """Replace inertias that no body can have, which MuJoCo refuses, and report it; masses and CoM stay."""
+    """Replace physically impossible inertias, which MuJoCo refuses, and report them; mass and CoM are unchanged."""
     elements = links_by_name(robot)
     weights = masses(robot)
     findings = []
@@ -157,7 +157,7 @@ def repair_inertias(robot: ET.Element, skeleton: Skeleton) -> list[Finding]:
         whole = possible(skeleton.model.inertias[joint].inertia)
         for i, link in enumerate(links):
             if link in usable or (whole and not _inertia(elements[link]).any()):
-                continue  # a point that is welded to a body is no fault
+                continue  # a point mass fixed to a body is not a fault
             moments = np.linalg.eigvalsh(_inertia(elements[link]).round(_DIGITS)) + 0.0  # no -0
             fault = "impossible inertia: principal moments " + ", ".join(f"{value:.3g}" for value in moments)
             if len(twins) == len(links) and twins[i] in usable:
@@ -175,7 +175,7 @@ def repair_inertias(robot: ET.Element, skeleton: Skeleton) -> list[Finding]:
 
 
 def placeholders(skeleton: Skeleton, length: float) -> list[Finding]:
-    """Bodies whose inertia would need a mass spread wider than their robot; ``length`` is that of a leg [m]."""
+    """Report bodies with an inertia too large for the robot's size; ``length`` is that of a leg [m]."""
     wide = []
     for j in range(BASE, skeleton.model.njoints):
         inertia = skeleton.model.inertias[j]
@@ -187,19 +187,19 @@ def placeholders(skeleton: Skeleton, length: float) -> list[Finding]:
 
 
 def _inertia(link: ET.Element) -> Matrix:
-    """Inertia about the centre of mass, in the axes of <inertial> (3, 3) [kg.m^2]."""
+    """Inertia (3, 3) about the centre of mass, in the axes of <inertial> [kg.m^2]."""
     element = link.find("inertial/inertia")
     xx, xy, xz, yy, yz, zz = (float(numbers(None if element is None else element.get(key), (0.0,))[0]) for key in _KEYS)
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def _rotation(link: ET.Element, skeleton: Skeleton, name: str) -> Matrix:
-    """Axes of <inertial> in the base at zero (3, 3)."""
+    """Rotation (3, 3) of <inertial> in the base frame at zero."""
     return np.asarray(skeleton.place(name).rotation @ origin_of(link.find("inertial/origin"))[1])
 
 
 def _solid(link: ET.Element, mass: float) -> Matrix:
-    """Inertia of the box of the link's bounds, or of a ball where it has no shapes (3, 3) [kg.m^2]."""
+    """Inertia (3, 3) of the link's bounding box, or of a ball if it has no shapes [kg.m^2]."""
     points = link_points(link, np.eye(3))
     if len(points):
         x, y, z = np.ptp(points, axis=0) ** 2

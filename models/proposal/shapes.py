@@ -1,4 +1,4 @@
-"""The URDF as XML: findings, links, joints, and the points of shapes; meshes that MuJoCo cannot read become boxes."""
+"""URDF as XML: findings, links, joints, and points of shapes; meshes that MuJoCo cannot read become boxes."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -15,23 +15,23 @@ import pinocchio as pin
 from models.types import Matrix, Vector
 from models.urdf import resolve_uri
 
-#: 'note': a gap that the proposal fills; 'wrong': the description contradicts itself or a robot that can stand
+#: 'note': a gap that the proposal fills; 'wrong': the description is inconsistent, or such a robot cannot stand
 Severity = Literal["note", "wrong"]
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One fault of a description."""
+    """One fault of a robot description."""
 
     severity: Severity
     culprit: str  # joint, link or file, as in "joint 'left_knee'"
     fault: str  # missing or wrong part
-    remedy: str  # in the proposal
+    remedy: str  # action of the proposal
 
 
 @dataclass(frozen=True, slots=True)
 class DriveData:
-    """What a description says of a joint's drive; zero where it does not."""
+    """Data of a joint's drive from a description; zero if not given."""
 
     armature: float  # rotor inertia reflected to the joint [kg.m^2]
     damping: float  # [N.m.s/rad]
@@ -40,7 +40,7 @@ class DriveData:
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """A robot as its maker describes it."""
+    """Robot description before any repair."""
 
     robot: ET.Element  # the ``<robot>`` element of a URDF
     drives: Mapping[str, DriveData] = field(default_factory=dict)  # by joint; a URDF has none
@@ -48,19 +48,19 @@ class Description:
 
 
 def named(kind: str, names: Iterable[str]) -> str:
-    """One or several joints or links, by name."""
+    """Text that lists one or several joints or links by name."""
     listed = list(names)
     return f"{kind}{'s' if len(listed) > 1 else ''} " + ", ".join(f"'{name}'" for name in listed)
 
 
 def found(severity: Severity, kind: str, names: Iterable[str], fault: str, remedy: str) -> list[Finding]:
-    """One finding about several joints or links; none without names."""
+    """One finding about several joints or links; an empty list without names."""
     listed = list(dict.fromkeys(names))
     return [Finding(severity, named(kind, listed), fault, remedy)] if listed else []
 
 
 def numbers(text: str | None, default: tuple[float, ...]) -> Vector:
-    """The numbers of an attribute; the default where it is absent or malformed."""
+    """Numbers of an attribute; the default if it is absent or malformed."""
     try:
         values = [float(item) for item in (text or "").split()]
     except ValueError:
@@ -70,30 +70,30 @@ def numbers(text: str | None, default: tuple[float, ...]) -> Vector:
 
 
 def origin_of(element: ET.Element | None) -> tuple[Vector, Matrix]:
-    """Position (3,) [m] and rotation (3, 3) of an <origin>; none without one."""
+    """Position (3,) [m] and rotation (3, 3) of an <origin>; identity if it is absent."""
     xyz, rpy = (numbers(None if element is None else element.get(key), (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
     return xyz, pin.rpy.rpyToMatrix(*rpy)
 
 
 def links_by_name(robot: ET.Element) -> dict[str, ET.Element]:
-    """Links of a robot."""
+    """Links of a robot, by name."""
     return {link.get("name", ""): link for link in robot.findall("link")}
 
 
 def end(joint: ET.Element, role: str) -> str:
-    """Name of a joint's 'parent' or 'child' link; empty where it has none."""
+    """Name of a joint's 'parent' or 'child' link; empty if absent."""
     element = joint.find(role)
     return "" if element is None else element.get("link", "")
 
 
 def child(element: ET.Element, tag: str) -> ET.Element:
-    """The child of an element with a tag; a new one where there is none."""
+    """First child of an element with a tag; added if absent."""
     found = element.find(tag)
     return ET.SubElement(element, tag) if found is None else found
 
 
 def masses(robot: ET.Element) -> dict[str, float]:
-    """Mass of each link [kg]; 0 where it has none."""
+    """Mass of each link [kg]; 0 if absent."""
     result = {}
     for link in robot.findall("link"):
         mass = link.find("inertial/mass")
@@ -102,21 +102,21 @@ def masses(robot: ET.Element) -> dict[str, float]:
 
 
 def links_below(robot: ET.Element, link: str) -> list[str]:
-    """A link and all that hangs from it."""
+    """A link and all its descendants."""
     children: dict[str, list[str]] = {}
     for joint in robot.findall("joint"):
         children.setdefault(end(joint, "parent"), []).append(end(joint, "child"))
     found, waiting = [], [link]
     while waiting:
         name = waiting.pop()
-        if name not in found:  # a URDF may hold a loop
+        if name not in found:  # a URDF may contain a loop
             found.append(name)
             waiting += children.get(name, [])
     return found
 
 
 def longest_chain(robot: ET.Element) -> float:
-    """Length of the longest chain of joints, from offset to offset [m]."""
+    """Length of the longest chain of joints, as the sum of the joint offsets [m]."""
     joints = {end(joint, "child"): joint for joint in robot.findall("joint")}
 
     def length(link: str) -> float:
@@ -131,22 +131,22 @@ def longest_chain(robot: ET.Element) -> float:
 
 
 MISSING = "mesh files are missing: a foot has the shape of what is left, and nothing keeps clear of the rest"
-_STL_HEAD, _STL_FACE = 84, 50  #: Bytes of a binary STL file before its faces, and of a face
-_STL_FACES = 200_000  #: Most faces of an STL file that MuJoCo takes
+_STL_HEAD, _STL_FACE = 84, 50  #: Sizes of the header and of a face of a binary STL file [bytes]
+_STL_FACES = 200_000  #: Maximum faces of an STL file that MuJoCo accepts
 _ROUND = 24  #: Points on the rim of a cylinder
 _Y_UP = b"<up_axis>Y_UP"
-_HEADER = 20000  #: Bytes of a Collada file within which its <asset> lies
-_FLAT = 1e-12  #: Volume below which MuJoCo takes a mesh for a surface [m^3]
+_HEADER = 20000  #: Leading part of a Collada file that contains its <asset> [bytes]
+_FLAT = 1e-12  #: Volume below which MuJoCo treats a mesh as a surface [m^3]
 
 
 def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tuple[list[Finding], bool]:
-    """Resolve every mesh to its file; replace in place what MuJoCo cannot draw, and drop what cannot be read.
+    """Resolve mesh paths in place, replace meshes that MuJoCo cannot read, and drop missing or unreadable ones.
 
-    Pinocchio's reader leaves a Collada mesh with y up lying; the origin of such a shape is turned by the missing
-    quarter turn. A visual that MuJoCo has no decoder for becomes the box of its bounds, and so does a textual STL
-    anywhere, since a collision shape is drawn where there is no visual. Any other collision shape stays as long as
-    Pinocchio reads it. Relative references start from ``urdf``; ``package://`` is searched in ``packages`` first. What
-    does not exist is dropped. Returns the findings, and whether a shape was replaced or dropped.
+    Pinocchio ignores the up axis of Collada meshes with y up; the origin of such a shape is rotated by 90 deg. A visual
+    mesh that MuJoCo cannot read becomes its bounding box. So does such an STL of a collision shape, because a link
+    without visual shapes is drawn by its collision shapes. Other collision shapes are kept if Pinocchio reads them.
+    Paths are relative to ``urdf``; ``package://`` is searched in ``packages`` first. Returns the findings, and whether
+    a shape was changed or dropped.
     """
     boxed: dict[str, list[str]] = {}
     dropped: dict[str, list[str]] = {}
@@ -192,7 +192,7 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
 
 
 def _drawable(file: Path) -> bool:
-    """Whether MuJoCo decodes a mesh: OBJ, and STL when it is binary and not too large."""
+    """Whether MuJoCo reads a mesh: OBJ, and binary STL that is not too large."""
     if file.suffix.lower() != ".stl":
         return file.suffix.lower() == ".obj"
     with file.open("rb") as stream:
@@ -201,10 +201,10 @@ def _drawable(file: Path) -> bool:
 
 
 def link_points(link: ET.Element, upright: Matrix) -> Matrix:
-    """Points in the link's frame whose hull is that of the link's shapes, as seen from below (n, 3) [m]; n may be 0.
+    """Points (n, 3) [m] in the link's frame that span the hull of the link's shapes, as seen from below; n may be 0.
 
-    ``upright`` is the rotation of the link in an upright frame (3, 3): spheres are round, and their lowest point
-    counts. Visual shapes are taken where no collision shape gives a point. Meshes have absolute paths.
+    ``upright`` is the rotation (3, 3) of the link in an upright frame; a sphere gives its six extreme points along the
+    upright axes. Visual shapes are used if no collision shape gives a point. Mesh paths must be absolute.
     """
     for kind in ("collision", "visual"):
         clouds = [_placed(shape, upright) for shape in link.findall(kind)]
@@ -225,7 +225,7 @@ def _placed(shape: ET.Element, upright: Matrix) -> Matrix:
 
 
 def _own_points(geometry: ET.Element | None) -> Matrix:
-    """Points of a box, a cylinder or a mesh in the frame of the shape (n, 3) [m]."""
+    """Points (n, 3) [m] of a box, a cylinder or a mesh in the frame of the shape."""
     nothing = np.zeros((0, 3))
     if geometry is None:
         return nothing
@@ -250,16 +250,16 @@ def _scale(mesh: ET.Element) -> Matrix:
 
 @lru_cache(maxsize=512)
 def _mesh(file: str) -> tuple[Matrix | None, float]:
-    """Vertices (n, 3) [m] and volume [m^3] of a mesh file; no vertices where it cannot be read."""
+    """Vertices (n, 3) [m] and volume [m^3] of a mesh file; None and 0 if it cannot be read."""
     try:
         mesh = coal.MeshLoader().load(file, np.ones(3))
         return np.array(mesh.vertices()), abs(float(mesh.computeVolume()))
-    except Exception:  # coal raises several kinds, none of them narrower
+    except Exception:  # coal raises several types without a common base
         return None, 0.0
 
 
 def _raise(shape: ET.Element) -> None:
-    """Turn a shape about its own x axis by the quarter turn that makes its y axis point up."""
+    """Rotate a shape by 90 deg about its x axis, so that its y axis points up."""
     turned = origin_of(shape.find("origin"))[1] @ pin.rpy.rpyToMatrix(0.5 * np.pi, 0.0, 0.0)
     text = " ".join(f"{value:.9g}" for value in pin.rpy.matrixToRpy(turned))
     child(shape, "origin").set("rpy", text)
@@ -274,5 +274,5 @@ def _box(shape: ET.Element, vertices: Matrix) -> None:
     if geometry is not None:
         for each in list(geometry):
             geometry.remove(each)
-        size = np.maximum(high - low, 1e-4)  # a plane has no box: a sheet of 0.1 mm
+        size = np.maximum(high - low, 1e-4)  # a planar mesh becomes a box 0.1 mm thick
         ET.SubElement(geometry, "box", size=" ".join(f"{value:.6g}" for value in size))

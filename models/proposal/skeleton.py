@@ -1,4 +1,4 @@
-"""Joints in the zero posture and what they form: mirrored partners, legs, arms, torso, head and IMU."""
+"""Analysis of the joints in the zero posture: mirrored partners, legs, arms, torso, head and IMU."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -16,15 +16,15 @@ from models.proposal.shapes import Finding, found, link_points, links_by_name, n
 from models.types import Matrix, Vector
 
 BASE = 1  #: Pinocchio's index of the free flyer; the joints of the URDF follow
-_MIRROR = np.array([1.0, -1.0, 1.0])  # reflection at the plane y = 0 of the base
-_PARALLEL = 0.99  # least cosine between an axis and the image of its partner
+_MIRROR = np.array([1.0, -1.0, 1.0])  # reflection in the plane y = 0 of the base
+_PARALLEL = 0.99  # minimum cosine between an axis and the mirror image of its partner's
 
 
 class Skeleton:
-    """Joints at zero, base upright at the origin; the arrays go by Pinocchio's joint index.
+    """Joints at zero, base upright at the origin; arrays are indexed by Pinocchio's joint index.
 
-    Reflected at the plane y = 0, a rotation by angle a about an axis u becomes one by -a about M u, M = diag(1, -1, 1).
-    So partners satisfy p' = M p (within ``tolerance`` [m]) and u' = -s M u, and mirrored motions q' = s q.
+    Reflection in the plane y = 0 maps a rotation by a about axis u to one by -a about M u, M = diag(1, -1, 1).
+    Partners satisfy p' = M p (within ``tolerance`` [m]) and u' = -s M u; mirrored motions satisfy q' = s q.
     """
 
     def __init__(self, model: pin.Model, tolerance: float) -> None:
@@ -32,15 +32,15 @@ class Skeleton:
         q = pin.neutral(model)
         pin.computeJointJacobians(model, self.data, q)
         pin.framesForwardKinematics(model, self.data, q)
-        #: Origin of each joint in the base (njoints, 3) [m]
+        #: Origin of each joint in the base frame (njoints, 3) [m]
         self.origins: Matrix = np.array([place.translation for place in self.data.oMi])
-        self.axes: Matrix = np.zeros_like(self.origins)  #: Axis of each joint in the base (njoints, 3)
+        self.axes: Matrix = np.zeros_like(self.origins)  #: Axis of each joint in the base frame (njoints, 3)
         self.children: dict[int, list[int]] = {j: [] for j in range(model.njoints)}  #: Child joints of each joint
         for j in range(BASE + 1, model.njoints):
             jacobian = pin.getJointJacobian(model, self.data, j, pin.LOCAL_WORLD_ALIGNED)
             self.axes[j] = jacobian[3:, model.joints[j].idx_v]
             self.children[int(model.parents[j])].append(j)
-        #: Joint that mirrors each joint; itself on the middle plane; joints without a partner are absent
+        #: Mirror partner of each joint; the joint itself on the plane y = 0; joints without partner are absent
         self.partners: dict[int, int] = {BASE: BASE}
         self.signs: dict[int, float] = {}  #: s of each joint in ``partners``
         self._pair(BASE, BASE, tolerance)
@@ -65,11 +65,11 @@ class Skeleton:
         return str(self.model.names[joint])
 
     def chain(self, joint: int) -> list[int]:
-        """Joints from the base, which is excluded, to a joint, which is included."""
+        """Joints from the base (excluded) to ``joint`` (included)."""
         return [int(j) for j in self.model.supports[joint] if j > BASE]
 
     def below(self, joint: int) -> list[int]:
-        """A joint and all that hang from it."""
+        """A joint and all its descendants."""
         return [joint, *(k for child in self.children[joint] for k in self.below(child))]
 
     def central(self, joint: int) -> bool:
@@ -77,7 +77,7 @@ class Skeleton:
         return self.partners.get(joint) == joint
 
     def links(self, joint: int) -> list[str]:
-        """Links that a joint moves directly, fixed to each other, nearest first."""
+        """Links of the rigid body that a joint moves, nearest first."""
         return [
             str(frame.name)
             for frame in self.model.frames
@@ -85,11 +85,11 @@ class Skeleton:
         ]
 
     def place(self, link: str) -> pin.SE3:
-        """Pose of a link in the base."""
+        """Pose of a link in the base frame."""
         return self.data.oMf[self.model.getFrameId(link, pin.FrameType.BODY)]
 
     def points(self, link: ET.Element) -> Matrix:
-        """Points of a link's shapes in the base (n, 3) [m]; see ``link_points``."""
+        """Points (n, 3) [m] of a link's shapes in the base frame; see ``link_points``."""
         place = self.place(link.get("name", ""))
         return np.asarray(link_points(link, place.rotation) @ place.rotation.T + place.translation)
 
@@ -99,14 +99,14 @@ class Skeleton:
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-_BEND = 0.25  #: Of the pitch joints of a leg, to where each goes farther, in which its freedoms are counted [rad]
+_BEND = 0.25  #: Bend of the pitch joints of a leg, in the direction of larger range, for the rank of its Jacobian [rad]
 _LEFT = re.compile(r"(?:^|[_\-.])l(?:eft)?(?:[_\-.]|$)|^L(?=[A-Z])|^LLEG|(?i:left)")
 _RIGHT = re.compile(r"(?:^|[_\-.])r(?:ight)?(?:[_\-.]|$)|^R(?=[A-Z])|^RLEG|(?i:right)")
 
 
 @dataclass(frozen=True, slots=True)
 class Legs:
-    """Joints of the left and the right leg from hip to foot, by Pinocchio's index; joints above move both."""
+    """Joints of the left and the right leg, from hip to foot, by Pinocchio's index; excludes joints that move both."""
 
     left: tuple[int, ...]
     right: tuple[int, ...]
@@ -118,7 +118,7 @@ class Legs:
 
 
 def find_legs(skeleton: Skeleton, urdf: Path) -> Legs:
-    """The two mirrored chains that reach lowest, below the last joint of both; left is at +y.
+    """Find the two mirrored chains with the lowest ends, without joints shared by both; left is at +y.
 
     Raises ``RobotModelError`` if there are none.
     """
@@ -147,7 +147,7 @@ def find_legs(skeleton: Skeleton, urdf: Path) -> Legs:
 
 
 def freedoms(skeleton: Skeleton, leg: tuple[int, ...]) -> tuple[bool, bool, bool]:
-    """Axes of a sole, in those of the base at zero, about which it turns with the bent leg: see ``leg_freedoms``."""
+    """Axes of the sole about which the bent leg turns it, for a sole aligned with the base; see ``leg_freedoms``."""
     model, data = skeleton.model, skeleton.model.createData()
     q: Vector = pin.neutral(model)
     for j in leg:
@@ -161,7 +161,7 @@ def freedoms(skeleton: Skeleton, leg: tuple[int, ...]) -> tuple[bool, bool, bool
 
 
 def _hanging(skeleton: Skeleton, joint: int) -> tuple[int, ...]:
-    """The chain down to a joint that shares nothing with its mirror image; empty unless it leads below the base."""
+    """Chain to a joint, without joints shared with its mirror image; empty unless it leads below the base."""
     chain = skeleton.chain(joint)
     shared = [i for i, each in enumerate(chain) if skeleton.central(each)]
     chain = chain[shared[-1] + 1 :] if shared else chain
@@ -175,7 +175,7 @@ def _unpaired(skeleton: Skeleton) -> str:
 
 
 def named_left(skeleton: Skeleton, legs: Legs) -> bool | None:
-    """Whether the leg at +y is called left; None where the names do not show it."""
+    """Whether the leg at +y is named left; None if the names do not show it."""
     votes = 0
     for left, right in zip(legs.left, legs.right, strict=True):
         names = skeleton.name(left), skeleton.name(right)
@@ -219,10 +219,10 @@ _CAMERA = re.compile(r"camera|rgbd|realsense|d435|zed|gaze|eye", re.IGNORECASE)
 _HEAD = re.compile(r"head|face", re.IGNORECASE)
 _IMU = re.compile(r"imu|gyro|accelero|inertial_unit", re.IGNORECASE)
 
-_FOREARM = 0.6  #: Length of what the last joint of an arm moves, over the arm's reach, from which it is a forearm [-]
-_TIP = 0.1  #: Part of it, from its far end, in whose middle the hand is [-]
-_IMU_REACH = 0.5  #: How far from the base an IMU may be, over the leg's length [-]
-_HEAD_ABOVE = 1.2  #: Height of a head that no link shows, over that of the shoulders above the soles [-]
+_FOREARM = 0.6  #: Minimum length of the last body of an arm that counts as a forearm, over the arm's reach [-]
+_TIP = 0.1  #: Share of a forearm at its far end; the hand is at the mean of the points there [-]
+_IMU_REACH = 0.5  #: Maximum distance of an IMU from the base, over the leg's length [-]
+_HEAD_ABOVE = 1.2  #: Assumed height of a head without a link, over the height of the shoulders above the soles [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,13 +230,13 @@ class Limbs:
     """All limbs except the legs."""
 
     arms: tuple[tuple[int, ...], tuple[int, ...]]  # left and right, from shoulder to hand; empty without arms
-    torso: int  # joint that moves the torso; ``BASE`` where it is the base
-    frames: dict[str, Frame]  # of the profile
+    torso: int  # joint that moves the torso; ``BASE`` if the base is the torso
+    frames: dict[str, Frame]  # frames of the profile
     findings: tuple[Finding, ...]  # missing parts
 
 
 def find_limbs(robot: ET.Element, skeleton: Skeleton, legs: Legs, floor: float) -> Limbs:
-    """Find arms, torso, head and IMU; ``floor`` is the height of the soles in the base at zero [m]."""
+    """Find arms, torso, head and IMU; ``floor`` is the height of the soles in the base frame at zero [m]."""
     findings: list[Finding] = []
     arms = _arms(skeleton, legs)
     first = arms[0] or arms[1]
@@ -256,7 +256,7 @@ def find_limbs(robot: ET.Element, skeleton: Skeleton, legs: Legs, floor: float) 
 
 
 def _arms(skeleton: Skeleton, legs: Legs) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """The two mirrored chains with the longest reach, up to where the fingers branch off; else that without a mirror.
+    """The two mirrored chains with the longest reach, up to the fingers; else the longest chain without a partner.
 
     Left is at +y; a side without an arm is empty.
     """
@@ -281,7 +281,7 @@ def _arms(skeleton: Skeleton, legs: Legs) -> tuple[tuple[int, ...], tuple[int, .
 
 
 def _hand(robot: ET.Element, skeleton: Skeleton, arm: tuple[int, ...]) -> Frame:
-    """The last joint of an arm; the far end of what it moves where that is long, as below a last joint at the elbow."""
+    """Frame at the last joint of an arm; at the far end of its body if that is long, as below an elbow joint."""
     link, elements = skeleton.links(arm[-1])[0], links_by_name(robot)
     points = np.vstack([np.zeros((0, 3)), *(skeleton.points(elements[name]) for name in skeleton.links(arm[-1]))])
     distances = np.linalg.norm(points - skeleton.origins[arm[-1]], axis=1)
@@ -293,7 +293,7 @@ def _hand(robot: ET.Element, skeleton: Skeleton, arm: tuple[int, ...]) -> Frame:
 
 
 def _trunk(skeleton: Skeleton, arm: tuple[int, ...]) -> int:
-    """Parent joint of the arms; without arms the last of the middle joints."""
+    """Parent joint of the arms; without arms, the last central joint."""
     if arm:
         return int(skeleton.model.parents[arm[0]])
     joint = BASE
@@ -303,9 +303,9 @@ def _trunk(skeleton: Skeleton, arm: tuple[int, ...]) -> int:
 
 
 def _gaze(robot: ET.Element, skeleton: Skeleton, torso: int, height: float, findings: list[Finding]) -> Frame:
-    """A camera, else a link called head, else the top of the links on the torso; it looks ahead."""
+    """Frame at a camera, else at a link named head, else on top of torso, neck and head; x points forward."""
     middle = [j for j in skeleton.below(torso) if j == torso or all(map(skeleton.central, skeleton.chain(j)))]
-    upper = [link for joint in middle for link in skeleton.links(joint)]  # of torso, neck and head
+    upper = [link for joint in middle for link in skeleton.links(joint)]  # links of torso, neck and head
     for pattern in (_CAMERA, _HEAD):
         matches = [link for link in upper if pattern.search(link)]
         if matches:
@@ -324,7 +324,7 @@ def _gaze(robot: ET.Element, skeleton: Skeleton, torso: int, height: float, find
 
 
 def _imu(skeleton: Skeleton, torso: int, leg: float, findings: list[Finding]) -> Frame:
-    """A link called imu on the base, or on the torso near it, in the axes of the base; else the base."""
+    """Frame at an IMU link on base or torso near the base, else at the base; with the axes of the base."""
     base = skeleton.links(BASE)[0]
     for link in (link for joint in (BASE, torso) for link in skeleton.links(joint)):
         if not _IMU.search(link):
@@ -340,7 +340,7 @@ def _imu(skeleton: Skeleton, torso: int, leg: float, findings: list[Finding]) ->
 
 
 def level(skeleton: Skeleton, link: str, xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Frame:
-    """A frame on a link with the axes of the base at zero."""
+    """Frame on a link, aligned with the base in the zero posture."""
     angles = pin.rpy.matrixToRpy(skeleton.place(link).rotation.T)
     roll, pitch, yaw = (round(float(angle), 6) + 0.0 for angle in angles)
     return Frame(link=link, xyz=xyz, rpy=(roll, pitch, yaw))

@@ -1,4 +1,4 @@
-"""Contact shapes: the flat part of each foot, and coarse hulls of the links that hit the floor first."""
+"""Contact geometry: the flat part of each foot, and coarse hulls of the links that hit the floor first in a fall."""
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
@@ -16,36 +16,36 @@ from models.proposal.shapes import Finding, link_points, links_by_name
 from models.proposal.skeleton import BASE, Legs, Limbs, Skeleton, freedoms
 from models.types import Matrix, Vector
 
-_WIDER = (1.0, 2.5, 5.0)  #: Factors on the band of points that belong to a sole, tried until they span an area
-_SAME_WAY = np.cos(np.radians(3.0))  #: Facets whose normals agree so well are one face
-_LEVEL = np.radians(2.0)  #: A face tilted by less than this at zero is level: meshes are coarse
-_AS_LARGE = 0.9  #: Part of the largest face's area from which another is as large [-]
-_GRID = 48  #: Places along the sole that the largest rectangle may begin and end at
+_WIDER = (1.0, 2.5, 5.0)  #: Factors on the band of points of a sole, tried in order until the sole is large enough
+_SAME_WAY = np.cos(np.radians(3.0))  #: Minimum cosine between the normals of facets of one face
+_LEVEL = np.radians(2.0)  #: Tilt at zero below which a face counts as level, because meshes are coarse [rad]
+_AS_LARGE = 0.9  #: Minimum area of a face that counts as equally large, over the largest [-]
+_GRID = 48  #: Grid points along the sole for the ends of the largest rectangle [1]
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True, slots=True)
 class SoleShape:
-    """A sole as found."""
+    """Detected sole."""
 
-    link: str  # moved by the last joint of the leg
+    link: str  # link moved by the last joint of the leg
     placement: pin.SE3  # pose of the sole frame in that link: origin under the ankle, x forward, z up
     rectangle: tuple[float, float, float, float]  # x_min, x_max, y_min, y_max in the sole frame [m]
     findings: tuple[Finding, ...]
 
 
 def foot_points(robot: ET.Element, skeleton: Skeleton, joint: int) -> Matrix:
-    """Points of all that a foot's last joint moves, from the ankle, in the axes of the base at zero (n, 3) [m]."""
+    """Points (n, 3) [m] of a foot relative to its last joint, in the axes of the base at zero."""
     elements = links_by_name(robot)
     clouds = [skeleton.points(elements[name]) - skeleton.origins[joint] for name in skeleton.links(joint)]
     return np.vstack([np.zeros((0, 3)), *clouds])
 
 
 def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], config: SoleConfig, urdf: Path) -> SoleShape:
-    """Find the largest rectangle in the face that a foot stands on; ``RobotModelError`` if it is too small.
+    """Find the largest rectangle in the bottom face of a foot; ``RobotModelError`` if it is too small.
 
-    The face is the largest set of parallel facets of the hull that point down; the sole's outline is the hull of the
-    points at most ``band`` above its lowest one. ``leg`` are the joints from base to foot.
+    The face is the largest set of parallel facets of the hull that point down. The outline of the sole is the hull of
+    all points at most ``band`` above the lowest one. ``leg`` are the joints from hip to foot.
     """
     ankle = leg[-1]
     link, free = skeleton.links(ankle)[0], freedoms(skeleton, leg)
@@ -100,7 +100,7 @@ def _face(points: Matrix) -> Vector:
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     same = normals @ normals.T > _SAME_WAY
     sizes = np.where(normals[:, 2] < -0.5, same @ areas, 0.0)
-    alike = sizes >= _AS_LARGE * sizes.max()  # a cylinder has many: the most level one
+    alike = sizes >= _AS_LARGE * sizes.max()  # a cylinder has many such faces; use the most level one
     mean = (areas * same[int(np.where(alike, normals[:, 2], np.inf).argmin())]) @ normals
     return np.asarray(mean / np.linalg.norm(mean))
 
@@ -108,7 +108,7 @@ def _face(points: Matrix) -> Vector:
 def _outline(
     points: Matrix, config: SoleConfig, least: tuple[float, float], where: str, findings: list[Finding], link: str
 ) -> tuple[float, float, float, float]:
-    """The largest rectangle, longer and wider than ``least`` [m]."""
+    """Largest rectangle of a sole; ``RobotModelError`` unless it is longer and wider than ``least`` [m]."""
     low = points[:, 2].min()
     size = (0.0, 0.0)
     for wider in _WIDER:
@@ -130,10 +130,10 @@ def _outline(
 
 
 def largest_rectangle(points: Matrix) -> Vector | None:
-    """Largest rectangle along the axes within the hull of points (n, 2) [m]; None when they span no area.
+    """Largest axis-aligned rectangle within the hull of points (n, 2) [m]; None if they span no area.
 
-    It is x_min, x_max, y_min, y_max (4,) [m]. Between two abscissae the convex hull is narrowest at one of the ends, so
-    only both ends count, and the rectangle is theirs.
+    Returns x_min, x_max, y_min, y_max (4,) [m]. A convex hull is narrowest at one end of an interval of x, so the
+    bounds in y follow from the two ends.
     """
     try:
         corners = points[ConvexHull(points).vertices]
@@ -157,11 +157,11 @@ def largest_rectangle(points: Matrix) -> Vector | None:
     return np.array([x[first], x[last], bottom[first, last], top[first, last]])
 
 
-_LEAST = 0.02  #: Bodies thinner than this get no hull [m]
+_LEAST = 0.02  #: Minimum radius of a hull [m]
 
 
 def propose_hulls(robot: ET.Element, skeleton: Skeleton, legs: Legs, limbs: Limbs) -> dict[str, Hull]:
-    """Capsules within the bounds of the links that hit the floor first."""
+    """Capsules within the bounding boxes of the links that hit the floor first in a fall."""
     parts = {"pelvis": BASE}
     if limbs.torso != BASE:
         parts["torso"] = limbs.torso
@@ -184,7 +184,7 @@ def propose_hulls(robot: ET.Element, skeleton: Skeleton, legs: Legs, limbs: Limb
 
 
 def _capsule(link: str, low: Vector, high: Vector) -> Hull | None:
-    """Capsule along the longest side of a box with corners (3,) [m], as thick as its shortest one; None if too thin."""
+    """Capsule along the longest side of a box (corners (3,) [m]), as thick as its shortest side; None if too thin."""
     size = high - low
     longest = int(size.argmax())
     radius = 0.5 * float(np.delete(size, longest).min())
