@@ -1,1 +1,1 @@
-"""ROS 2 base of all nodes: lifecycle, QoS, message conversions, real-time set-up."""
+"""Common ROS 2 code of all nodes: lifecycle, QoS, message conversions, real-time set-up."""

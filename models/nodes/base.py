@@ -1,4 +1,4 @@
-"""Base of every node: lifecycle with reasons, counted refusals, diagnostics, status, real-time set-up."""
+"""Base class of all nodes: lifecycle with reasons, counted refusals, diagnostics, status, real-time set-up."""
 
 import re
 import time
@@ -23,41 +23,41 @@ from models.status import NodeStatus, Status
 
 T = TypeVar("T", bound=Status)
 
-LOG_PERIOD = 0.2  #: Shortest time between two reports of refusals of the same topic or service [s]
-QUIET = 5.0  #: Time without a cause of refusals after which it is reported as a new one [s]
-CAUSES_MAX = 100  #: Causes remembered: those of the newest refusals
+LOG_PERIOD = 0.2  #: Minimum time between two reports of refusals of the same topic or service [s]
+QUIET = 5.0  #: Time without a refusal after which the same cause counts as new [s]
+CAUSES_MAX = 100  #: Maximum number of stored causes; the least recent ones are dropped
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
-ALARM_PERIOD = 0.05  #: Shortest time between two alarms on ``/diagnostics`` [s]
+ALARM_PERIOD = 0.05  #: Minimum time between two alarms on ``/diagnostics`` [s]
 
 
 class _Cause(NamedTuple):
-    """Refusals of a source for one cause."""
+    """Refusals of one source for one cause."""
 
     times: int
-    due: int  #: Times from which on the next report is due
-    last: float  #: Time of the newest one, monotonic [s]
-    error: str  #: Its reason
+    due: int  #: Number of refusals at which the next report is due
+    last: float  #: Monotonic time of the latest refusal [s]
+    error: str  #: Reason of the latest refusal
 
 
 def cause_of(reason: str) -> str:
-    """A reason without its numbers: reasons that differ in nothing else are one cause."""
+    """Reason with numbers replaced by ``#``; reasons that differ only in numbers are one cause."""
     return _NUMBER.sub("#", reason)
 
 
 @cache
 def shared_model(robot: str) -> RobotModel:
-    """The robot, loaded once for all nodes of a process."""
+    """Robot model, loaded once per process."""
     return RobotModel.load(robot)
 
 
 class PoiseNode(LifecycleNode):
-    """Lifecycle node that reports why a transition fails and publishes what it refused.
+    """Lifecycle node that reports the reasons of failed transitions and publishes refused inputs.
 
-    Subclasses implement the four hooks. A hook raises ``PoiseError`` to refuse a transition; any other exception is a
-    programming error and is logged with its traceback.
+    Subclasses implement the hooks ``configure``, ``activate``, ``deactivate`` and ``cleanup``. A hook raises
+    ``PoiseError`` to refuse a transition; any other exception is a programming error and is logged.
 
-    A node with ``AUTOSTART`` configures and activates itself unless the parameter ``autostart`` says otherwise: set for
-    nodes that only observe.
+    ``AUTOSTART`` is the default of the parameter ``autostart``, with which a node configures and activates itself. It
+    is set for nodes that only observe.
 
     Attributes:
         robot: Profile of the robot, by name or path.
@@ -98,11 +98,11 @@ class PoiseNode(LifecycleNode):
 
     @property
     def model(self) -> RobotModel:
-        """The robot named by the parameter ``robot``."""
+        """Model of the robot given by the parameter ``robot``."""
         return shared_model(self.robot)
 
     def bring_up(self) -> None:
-        """Configure and activate; raises ``PoiseError`` with the reason when a transition is refused."""
+        """Configure and activate; raises ``PoiseError`` with the reason of a refused transition."""
         for transition in (self.trigger_configure, self.trigger_activate):
             if transition() != TransitionCallbackReturn.SUCCESS:
                 raise PoiseError(f"{self.get_name()}: {self.message}")
@@ -111,13 +111,13 @@ class PoiseNode(LifecycleNode):
         """Build the law and create publishers, subscriptions and services."""
 
     def activate(self) -> None:
-        """Start the work of the node; the law begins from its initial state."""
+        """Start the work of the node; the law starts from its initial state."""
 
     def deactivate(self) -> None:
         """Stop the work of the node."""
 
     def cleanup(self) -> None:
-        """Destroy what ``configure`` made with ``listen``, ``serve``, ``announce`` or ``own``."""
+        """Destroy all entities created with ``listen``, ``serve``, ``announce`` or ``own``."""
         while self._owned:
             destroy, entity = self._owned.pop()
             destroy(entity)
@@ -134,7 +134,7 @@ class PoiseNode(LifecycleNode):
     ) -> None:
         """Subscribe until ``cleanup``; see ``Node.create_subscription``.
 
-        A callback raises ``PoiseError`` to refuse a message. With ``while_active`` an inactive node drops its messages.
+        A callback raises ``PoiseError`` to refuse a message. With ``while_active`` an inactive node drops messages.
         """
 
         def on_message(message: Any) -> None:
@@ -153,13 +153,13 @@ class PoiseNode(LifecycleNode):
         self._owned.append((self.destroy_service, self.create_service(kind, name, callback)))
 
     def announce(self, kind: type, topic: str, qos: Any) -> Any:
-        """Create a publisher that publishes while active, until ``cleanup``; see ``create_lifecycle_publisher``."""
+        """Create a publisher, enabled while active, until ``cleanup``; see ``create_lifecycle_publisher``."""
         publisher = self.create_lifecycle_publisher(kind, topic, qos, event_callbacks=self._qos.publisher(topic, qos))
         self._owned += [(self._qos.forget, topic), (self.destroy_lifecycle_publisher, publisher)]
         return publisher
 
     def announce_status(self, topic: str, qos: Any = EVENT) -> Callable[[Status], None]:
-        """Function that publishes a status record while the node is active, until ``cleanup``."""
+        """Return a function that publishes a status record while the node is active, until ``cleanup``."""
         publisher = self.announce(StatusMessage, topic, qos)
         return lambda record: publisher.publish(self._status_message(record))
 
@@ -171,7 +171,7 @@ class PoiseNode(LifecycleNode):
         qos: Any = EVENT,
         on_malformed: Callable[[], None] | None = None,
     ) -> None:
-        """Subscribe to a status record until ``cleanup``; a malformed one is refused, and ``on_malformed`` called."""
+        """Subscribe to a status record until ``cleanup``; a malformed one is refused and ``on_malformed`` is called."""
 
         def on_message(message: Any) -> None:
             try:
@@ -185,7 +185,7 @@ class PoiseNode(LifecycleNode):
         self.listen(StatusMessage, topic, on_message, qos)
 
     def listen_start(self, callback: Callable[[], None]) -> None:
-        """Call back when the drivers hold the robot at its start, as after a reset, while the node is active."""
+        """While active, call ``callback`` when the drivers hold the robot at its start, such as after a reset."""
 
         def on_state(message: String) -> None:
             if message.data == topics.HELD:
@@ -194,18 +194,18 @@ class PoiseNode(LifecycleNode):
         self.listen(String, topics.DRIVER_STATE, on_state, LATCHED, while_active=True)
 
     def own(self, destroy: Callable[[Any], Any], entity: Any) -> None:
-        """Register an entity that ``cleanup`` destroys."""
+        """Register an entity to be destroyed by ``cleanup``."""
         self._owned.append((destroy, entity))
 
     def every(self, period: float, callback: Callable[[], None]) -> Any:
-        """Timer of a period [s] on the steady clock, independent of wall-clock jumps and ``/clock``."""
+        """Create a timer with a period [s] on the steady clock, independent of wall-clock jumps and ``/clock``."""
         return self.create_timer(period, callback, clock=self._steady)
 
     def refuse(self, source: str, error: Exception | str) -> None:
-        """Count a refused input of a topic or service, and report its cause once, then its 10th, 100th, ... repetition.
+        """Count a refused input of a topic or service, and report the 1st, 10th, 100th, ... refusal of its cause.
 
-        Reports go to the log, that is to the terminal and ``/rosout``, and to the latched topic ``refusals``. One that
-        is due within ``LOG_PERIOD`` of another report of the source follows with the next diagnostics after it.
+        Reports go to the log (terminal and ``/rosout``) and to the latched topic ``refusals``. A report that is due
+        within ``LOG_PERIOD`` of another report of the source is delayed to the next diagnostics after that time.
         """
         self.counters[f"refused {source}"] += 1
         self.values["last refusal"] = f"{source}: {error}"
@@ -218,7 +218,7 @@ class PoiseNode(LifecycleNode):
             del self._causes[next(iter(self._causes))]
 
     def _report_refusals(self, key: tuple[str, str]) -> None:
-        """Report a cause if that is due and the source has had no report for ``LOG_PERIOD``."""
+        """Report a cause if a report is due and the last report of the source is at least ``LOG_PERIOD`` old."""
         (source, _), (count, due, last, error), now = key, self._causes[key], time.monotonic()
         if count < due or now - self._last_report.get(source, -LOG_PERIOD) < LOG_PERIOD:
             return
@@ -254,14 +254,14 @@ class PoiseNode(LifecycleNode):
         return status_to_message(record, self.get_fully_qualified_name(), self.get_clock().now().to_msg())
 
     def alarm(self) -> None:
-        """Publish the diagnostics at once, unless that was done within ``ALARM_PERIOD``: then the timer does."""
+        """Publish the diagnostics at once; within ``ALARM_PERIOD`` of the last alarm, leave it to the timer."""
         now = time.monotonic()
         if now - self._last_alarm >= ALARM_PERIOD:
             self._last_alarm = now
             self.publish_diagnostics()
 
     def _on_diagnostics_due(self) -> None:
-        """Check peers, publish diagnostics and what is due, then collect garbage: never within a tick."""
+        """Check QoS, publish diagnostics and due reports, then collect garbage; runs between ticks."""
         self._qos.look()
         self.publish_diagnostics()
         for key in tuple(self._causes):
@@ -270,10 +270,10 @@ class PoiseNode(LifecycleNode):
             realtime.collect()
 
     def before_diagnostics(self) -> None:
-        """Bring ``level``, ``message`` and ``values`` up to date; called before each publication."""
+        """Update ``level``, ``message`` and ``values``; called before each publication."""
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle transition; see ``configure``. Whatever a failed one created is destroyed."""
+        """Lifecycle transition; see ``configure``. A failed transition destroys what it created."""
         result = self._transition("configured", self.configure, state, super().on_configure)
         if result != TransitionCallbackReturn.SUCCESS:
             self.cleanup()
@@ -304,15 +304,15 @@ class PoiseNode(LifecycleNode):
         )
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """After a programming error in a transition: back to unconfigured, with nothing left."""
+        """Return to unconfigured after a programming error in a transition; destroys all entities."""
         self.active = False
         self.cleanup()
         return TransitionCallbackReturn.SUCCESS
 
     def _LifecycleNodeMixin__change_state(self, transition_id: int) -> TransitionCallbackReturn:
-        """Refuse a transition that does not start from the present state.
+        """Refuse a transition that is not available in the current state.
 
-        In rclpy this error leaves the service callback and ends the process. A request that is repeated after a late
+        In rclpy this error propagates from the service callback and ends the process. A request repeated after a late
         reply must not stop a robot.
         """
         possible = {transition[0]: transition[1] for transition in self._state_machine.available_transitions}
@@ -335,7 +335,7 @@ class PoiseNode(LifecycleNode):
             self.level, self.message = DiagnosticStatus.ERROR, str(error)
             self.get_logger().error(f"not {label}: {error}")
             return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # rclpy would hide it: log it, then let the state machine handle it
+        except Exception as error:  # rclpy would hide it; log it, then the state machine handles it
             self.level, self.message = DiagnosticStatus.ERROR, f"{type(error).__name__}: {error}"
             self.get_logger().fatal(f"not {label}: {type(error).__name__}: {error}")
             return TransitionCallbackReturn.ERROR

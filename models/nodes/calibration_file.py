@@ -1,11 +1,11 @@
-"""The calibration file of a node's robot: location, and refused files in log and diagnostics."""
+"""Calibration file of a node's robot: location, and refused files in log and diagnostics."""
 
 from models.calibration import Calibration
 from models.calibration_store import CalibrationStore
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare
 
-CALIBRATION_DIR, NO_FILE = "calibration_dir", "none"  #: Parameter, and its value for no calibration
+CALIBRATION_DIR, NO_FILE = "calibration_dir", "none"  #: Parameter, and its value that disables the calibration
 
 
 def declare_calibration(node: PoiseNode, default: str = "") -> None:
@@ -15,11 +15,11 @@ def declare_calibration(node: PoiseNode, default: str = "") -> None:
 
 
 class CalibrationFile:
-    """Reads the calibration that takes effect when a node starts, and reports which.
+    """Reads the calibration at the start of a node, and reports it.
 
-    The parameter ``calibration_dir`` names the folder: empty for that of ``models.calibration_store``, ``none`` for no
-    calibration. The file is named after the robot and the node's namespace. The node's diagnostics get ``calibration``
-    and, after a refusal, ``calibration refused``.
+    The parameter ``calibration_dir`` is the folder: empty for the default of ``models.calibration_store``, ``none`` for
+    no calibration. The file is named after the robot and the node's namespace. The node's diagnostics contain
+    ``calibration`` and, after a refusal, ``calibration refused``.
     """
 
     def __init__(self, node: PoiseNode) -> None:
@@ -28,13 +28,13 @@ class CalibrationFile:
 
     @property
     def store(self) -> CalibrationStore | None:
-        """The files; None without calibration. ``ConfigError`` when there is no folder for them."""
+        """Calibration files; None if disabled. ``ConfigError`` without a usable folder."""
         if self._folder == NO_FILE:
             return None
         return CalibrationStore(self._node.model, self._folder or None, namespace=self._node.get_namespace())
 
     def read(self) -> Calibration:
-        """The newest usable calibration; each refused file is named. ``ConfigError`` when there is no folder."""
+        """Newest usable calibration; refused files are reported. ``ConfigError`` without a usable folder."""
         store, node = self.store, self._node
         if store is None:
             node.values["calibration"] = "none is read"

@@ -1,4 +1,4 @@
-"""Answers of the calibration services as text: the reason, then one line ``name = number`` for each detail."""
+"""Replies of the calibration services as text: the reason, then one line ``name = number`` per detail."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 def reply_to_text(reply: CommandReply) -> str:
-    """For the ``message`` of a std_srvs/Trigger; ``text_to_reply`` reads it."""
+    """Text for the ``message`` of a std_srvs/Trigger; inverse of ``text_to_reply``."""
     return "\n".join([reply.reason, *(f"{name} = {value:.9g}" for name, value in reply.details.items())])
 
 
 def text_to_reply(accepted: bool, text: str) -> CommandReply:
-    """Parse the answer of a service; lines that are no detail belong to the reason."""
+    """Parse the text of a reply; lines that are not a detail belong to the reason."""
     reason, details = [], {}
     for line in text.splitlines():
         name, separator, value = line.partition(" = ")
@@ -32,7 +32,7 @@ def text_to_reply(accepted: bool, text: str) -> CommandReply:
 
 
 def calibration_to_reply(calibration: Calibration, model: RobotModel, remark: str) -> CommandReply:
-    """Every number of a calibration that corrects something, named with its unit."""
+    """Reply with the numbers of a calibration, named with units; encoder offsets only where nonzero."""
     details = {f"gyro_bias_{axis} [rad/s]": float(x) for axis, x in zip("xyz", calibration.gyro_bias, strict=True)}
     details |= {f"accel_bias_{axis} [m/s^2]": float(x) for axis, x in zip("xyz", calibration.accel_bias, strict=True)}
     for name, offset in zip(model.joint_names, calibration.encoder_offsets, strict=True):

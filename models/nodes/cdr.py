@@ -1,8 +1,8 @@
-"""Messages of constant layout, serialised once and patched in place: makes 1 kHz over rclpy affordable.
+"""Messages of constant layout, serialised once and patched in place; makes 1 kHz over rclpy affordable.
 
-A message whose strings and array lengths are constant has a constant CDR layout; only the stamp and the doubles change.
-``Template`` serialises it once with a distinct marker in every slot and finds the markers. It then packs by writing the
-numbers into the bytes and unpacks by reading them, after comparing all other bytes. Where these differ (joint order,
+A message with constant strings and array lengths has a constant CDR layout; only the stamp and the doubles change.
+``Template`` serialises it once with a distinct marker in every slot and locates the markers. It packs by writing the
+numbers into the bytes, and unpacks by reading them after a comparison of all other bytes. If these differ (joint order,
 unknown name, size), ``unpack`` returns None and the caller decodes the whole message.
 """
 
@@ -23,7 +23,7 @@ STAMP_SIZE = 8  #: Seconds (int32) and nanoseconds (uint32) [bytes]
 
 
 def field_of(message: Any, path: str) -> Any:
-    """Field of a message by its path, such as ``header.frame_id`` or ``points.0.effort``."""
+    """Field of a message by path, such as ``header.frame_id`` or ``points.0.effort``."""
     for part in path.split("."):
         message = message[int(part)] if part.isdigit() else getattr(message, part)
     return message
@@ -37,7 +37,7 @@ def numbers_of(value: Any) -> Vector:
 
 
 def _fill(message: Any, path: str, markers: list[float]) -> None:
-    """Replace the numbers of a field by the first of the markers, which are used up."""
+    """Replace the numbers of a field by the first markers, and remove these from the list."""
     value = field_of(message, path)
     if hasattr(value, "get_fields_and_field_types"):
         for name in value.get_fields_and_field_types():
@@ -51,10 +51,10 @@ def _fill(message: Any, path: str, markers: list[float]) -> None:
 
 
 class Template:
-    """Layout of one stamped message whose strings and sizes do not change.
+    """Layout of one stamped message with constant strings and sizes.
 
-    ``fields`` are paths of the slots in the order in which ``pack`` takes their values; see ``field_of``. Raises
-    ``MessageError`` when the numbers of a field are not contiguous in the bytes.
+    ``fields`` are the paths of the slots, in the order of the values of ``pack``; see ``field_of``. Raises
+    ``MessageError`` if the numbers of a field are not contiguous in the bytes.
     """
 
     def __init__(self, message: Any, fields: Sequence[str]) -> None:
@@ -80,14 +80,14 @@ class Template:
         self._views = [np.frombuffer(self._buffer, "<f8", size, offset) for offset, size in self._slots]
 
     def pack(self, stamp_ns: int, values: Sequence[Vector]) -> bytes:
-        """Serialised message of a stamp [ns] and one array for each slot."""
+        """Serialised message from a stamp [ns] and one array per slot."""
         struct.pack_into("<iI", self._buffer, STAMP_OFFSET, *divmod(stamp_ns, NANOSECONDS))
         for view, value in zip(self._views, values, strict=True):
             view[:] = value
         return bytes(self._buffer)
 
     def matches(self, data: bytes) -> bool:
-        """Whether all but stamp and slots means the same; bytes that differ from the last match are decoded."""
+        """Whether the constant part is equal; decodes the message if its bytes differ from the last match."""
         if len(data) != self.size:
             return False
         found = [data[gap] for gap in self._gaps]
@@ -105,7 +105,7 @@ class Template:
         return same
 
     def unpack(self, data: bytes) -> list[Vector] | None:
-        """Copies of the slots of a serialised message; None when the layout or the constant part differs."""
+        """Copies of the slots of a serialised message; None if the layout or the constant part differs."""
         if not self.matches(data):
             return None
         return [np.frombuffer(data, "<f8", size, offset).copy() for offset, size in self._slots]
@@ -114,7 +114,7 @@ class Template:
 def stamp_of(data: bytes, *, logged: bool = False) -> int:
     """Value of ``header.stamp`` in serialised bytes [ns].
 
-    ``MessageError`` when they are too short or, unless ``logged``, when seconds are negative or nanoseconds a second.
+    Raises ``MessageError`` for too few bytes or, unless ``logged``, for negative seconds or nanoseconds >= 1e9.
     """
     if len(data) < STAMP_OFFSET + STAMP_SIZE:
         raise MessageError(f"header.stamp: message of {len(data)} bytes is too short")

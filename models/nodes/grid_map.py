@@ -15,19 +15,19 @@ from models.nodes.services import own_message
 from models.nodes.topics import ODOM_FRAME
 from models.types import Matrix, Vector
 
-_LABELS = ("column_index", "row_index")  #: Of the dimensions of a layer that is stored column by column
+_LABELS = ("column_index", "row_index")  #: Labels of the dimensions of a layer in column-major order
 
 
 def grid_map_type() -> Any:
-    """Type of the message; ``MessageError`` where it is not built."""
+    """Type of the message; ``MessageError`` if it is not built."""
     return interface("grid_map_msgs", "msg", "GridMap")
 
 
 def grid_map_message(stamp: int, centre: Vector, cell: float, layers: Mapping[str, Matrix], basic: str) -> Any:
-    """Message with a stamp [ns] of square layers (n, n) by name, x along their rows and y along their columns.
+    """Message with a stamp [ns] from named square layers (n, n); the first index runs along x, the second along y.
 
-    ``centre`` is the middle of the map in ``odom`` (2,) [m], ``cell`` the edge of a cell [m], ``basic`` the layer that
-    a valid cell has. In the message rows and columns begin at the largest x and y.
+    ``centre`` is the centre of the map in ``odom`` (2,) [m], ``cell`` the size of a cell [m], ``basic`` the layer that
+    is required for a valid cell. In the message, rows and columns start at the largest x and y.
     """
     message = grid_map_type()(layers=list(layers), basic_layers=[basic])
     set_header(message, stamp, ODOM_FRAME)
@@ -47,9 +47,9 @@ def grid_map_message(stamp: int, centre: Vector, cell: float, layers: Mapping[st
 
 
 def layer_of(message: Any, name: str) -> Matrix:
-    """A layer of a grid_map_msgs/GridMap, x along its rows and y along its columns (n, m); nan where it is unknown.
+    """Layer (n, m) of a grid_map_msgs/GridMap, first index along x, second along y; nan where unknown.
 
-    Raises ``MessageError`` for a layer that is not there, or that is not stored column by column.
+    Raises ``MessageError`` for a missing layer, or a layer that is not in column-major order.
     """
     if name not in message.layers or len(message.data) != len(message.layers):
         raise MessageError(f"layers: no '{name[:32]}' among {', '.join(message.layers)}")
@@ -66,7 +66,7 @@ def layer_of(message: Any, name: str) -> Matrix:
 
 
 def patches_message(stamp: int, patches: Iterable[tuple[Vector, Matrix]]) -> Any:
-    """poise_interfaces/TerrainPatches with a stamp [ns], of normals (3,) and corners (k, 3) [m] in ``odom``."""
+    """poise_interfaces/TerrainPatches with a stamp [ns] from normals (3,) and corners (k, 3) [m] in ``odom``."""
     kind, message = own_message("TerrainPatch"), own_message("TerrainPatches")()
     set_header(message, stamp, ODOM_FRAME)
     for normal, corners in patches:

@@ -16,16 +16,16 @@ from models.types import Matrix, Vector
 
 @dataclass(frozen=True, slots=True)
 class ImuSample:
-    """Measurement of the IMU without its biases, and its orientation."""
+    """Measurement of the IMU with biases removed, and orientation estimate."""
 
-    orientation: Vector  #: Of the unit in ``odom``, quaternion xyzw (4,)
-    covariance: Matrix  #: Of the orientation, rotation about the fixed axes of ``odom`` (3, 3) [rad^2]
-    gyro: Vector  #: Angular velocity in the unit's frame (3,) [rad/s]
-    accel: Vector  #: Specific force in the unit's frame (3,) [m/s^2]
+    orientation: Vector  #: Orientation of the IMU in ``odom``, quaternion xyzw (4,)
+    covariance: Matrix  #: Covariance of the orientation, rotation about the fixed axes of ``odom`` (3, 3) [rad^2]
+    gyro: Vector  #: Angular velocity in the IMU frame (3,) [rad/s]
+    accel: Vector  #: Specific force in the IMU frame (3,) [m/s^2]
 
 
 class OrientedImuCodec:
-    """``ImuSample`` as message; the covariances of rate and force stay 0, which means unknown."""
+    """``ImuSample`` as message; the covariances of rate and force are 0, meaning unknown."""
 
     def __init__(self, frame_id: str) -> None:
         message = Imu()
@@ -38,14 +38,14 @@ class OrientedImuCodec:
         return self._codec.encode(stamp, sample.orientation, sample.covariance.ravel(), sample.gyro, sample.accel)
 
     def decode(self, data: bytes) -> tuple[int, ImuSample]:
-        """Stamp [ns] and sample; ``MessageError`` for another message, no orientation, NaN or infinity."""
+        """Stamp [ns] and sample; ``MessageError`` for another type, missing orientation, NaN or infinity."""
         stamp, orientation, covariance, gyro, accel = self._codec.decode(data)
         if covariance[0] < 0.0:
             raise MessageError("orientation_covariance: there is no orientation")
         return stamp, ImuSample(orientation, covariance.reshape(3, 3), gyro, accel)
 
 
-#: Header of the CSV file: orientation of the IMU in odom, rate and specific force in its own frame
+#: Header of the CSV file: orientation of the IMU in odom, angular velocity and specific force in the IMU frame
 COLUMNS = (
     "stamp_s",
     *("qx", "qy", "qz", "qw"),
@@ -56,7 +56,7 @@ COLUMNS = (
 
 
 class CsvImuLog:
-    """One line for each sample; the file appears at ``close``. ``PoiseError`` when it cannot be written."""
+    """CSV file with one line per sample; created at its path by ``close``. ``PoiseError`` if it cannot be written."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._part = path, part_beside(path)

@@ -2,9 +2,9 @@
 
     python -m models.nodes.interface_build [PREFIX]
 
-The wheels of ROS 2 contain generators, headers and libraries, but neither CMake rules nor colcon. This module does
-their steps: definitions to IDL, IDL to C and Python, C to libraries. An importable package, for example one built by
-colcon, is left alone. Without a compiler the graph works without these types, and the message names what is missing.
+The wheels of ROS 2 contain generators, headers and libraries, but neither CMake rules nor colcon. This module performs
+their steps: definitions to IDL, IDL to C and Python, C to libraries. An importable package from elsewhere, such as one
+built by colcon, is not rebuilt. Without a compiler the graph works without these types; a message names the tool.
 """
 
 import contextlib
@@ -24,8 +24,8 @@ from typing import Any
 
 from models.errors import PoiseError
 
-DEFINITIONS = Path(__file__).resolve().parents[1] / "interfaces"  #: Folder with a folder for each package
-#: Packages to build, and those that their definitions refer to, besides ``ALWAYS``
+DEFINITIONS = Path(__file__).resolve().parents[1] / "interfaces"  #: Folder with one subfolder per package
+#: Packages to build, and the packages that their definitions refer to, in addition to ``ALWAYS``
 PACKAGES = {
     "poise_interfaces": ("geometry_msgs", "trajectory_msgs"),
     "control_msgs": ("trajectory_msgs", "geometry_msgs"),
@@ -41,10 +41,10 @@ PACKAGES = {
 }
 #: Packages that every service or action refers to
 ALWAYS = ("action_msgs", "service_msgs", "unique_identifier_msgs", "builtin_interfaces", "std_msgs")
-STAMP = ".poise_built"  #: File in a package built here: hash of the definitions that it was built from
+STAMP = ".poise_built"  #: File in a built package with the hash of its definitions
 #: Packages whose versions the build depends on
 VERSIONS = ("rosidl_generator_py", "rosidl_typesupport_fastrtps_c", "rclpy", "numpy")
-OUTPUT_MAX = 600  #: Characters of the compiler's output in an error, from its end
+OUTPUT_MAX = 600  #: Number of final characters of the compiler's output in an error
 #: Libraries of a package, in the order of their dependencies
 LIBRARIES = (
     "rosidl_generator_c",
@@ -65,7 +65,7 @@ for _name in {libraries}:  # the type support finds the others by name among tho
 
 
 class InterfaceBuild:
-    """Builds one package into ``into``, a folder on Python's path; ``ros2 interface`` looks in ``share``."""
+    """Builds one package into ``into``, a folder on Python's path; ``ros2 interface`` searches ``share``."""
 
     def __init__(self, package: str, into: Path, share: Path) -> None:
         self._package, self._into, self._share = package, into, share
@@ -83,7 +83,7 @@ class InterfaceBuild:
         return digest.hexdigest()
 
     def run(self) -> None:
-        """Generate, compile and install the package; ``PoiseError`` quotes or names the tool."""
+        """Generate, compile and install the package; ``PoiseError`` names a missing tool or quotes a failed one."""
         require_tools()
         self._prefix = ros_prefix()
         with tempfile.TemporaryDirectory(prefix="poise_interfaces_") as folder:
@@ -122,7 +122,7 @@ class InterfaceBuild:
         }
         for name in LIBRARIES:
             sources = _sources(work / ("c" if name == "rosidl_generator_c" else name))
-            kinds = dict.fromkeys(("rosidl_generator_c", name))  # sequences of messages of others: their init and fini
+            kinds = dict.fromkeys(("rosidl_generator_c", name))  # for init and fini of sequences of their messages
             own = [] if name == "rosidl_generator_c" else [f"{self._package}__rosidl_generator_c"]
             links = [*own, *needs[name], *(f"{package}__{kind}" for package in self._depends for kind in kinds)]
             file = f"lib{self._package}__{name}.so"
@@ -137,7 +137,7 @@ class InterfaceBuild:
         )
 
     def _register(self) -> None:
-        """Install the files that ``ros2 interface`` looks for: the definitions, and their names in the index."""
+        """Install the files for ``ros2 interface``: the definitions, and their names in the index."""
         names = [path.relative_to(self._source).as_posix() for path in self._files]
         for path, name in zip(self._files, names, strict=True):
             there = self._share / self._package / name
@@ -150,7 +150,7 @@ class InterfaceBuild:
 
 
 def install(made: Path, place: Path) -> None:
-    """Copy a folder to ``place`` by renaming; what was there before is deleted last, so that no end leaves a part."""
+    """Copy a folder beside ``place``, then rename it; the old folder is deleted last. Never leaves a partial folder."""
     new, old = (place.with_name(f".{place.name}.{name}") for name in ("new", "old"))
     for each in (new, old):
         shutil.rmtree(each, ignore_errors=True)
@@ -162,7 +162,7 @@ def install(made: Path, place: Path) -> None:
 
 
 def ros_prefix() -> Path:
-    """Prefix of the ROS 2 that this interpreter imports; ``PoiseError`` when it has no generators."""
+    """Prefix of the ROS 2 installation of this interpreter; ``PoiseError`` if it has no generators."""
     spec = importlib.util.find_spec("rosidl_generator_py")
     if spec is None or spec.origin is None:
         raise PoiseError("the generators of ROS 2 interfaces are not installed (rosidl_generator_py)")
@@ -193,7 +193,7 @@ def ros_version(name: str) -> str:
 
 
 def require_tools() -> None:
-    """Check for a compiler and Python's headers; ``PoiseError`` says how a missing one is installed."""
+    """Check for a compiler and Python's headers; ``PoiseError`` contains the command that installs them."""
     missing = [name for name in ("gcc", "g++") if shutil.which(name) is None]
     if not (Path(sysconfig.get_paths()["include"]) / "Python.h").is_file():
         missing.append("Python.h")
@@ -202,9 +202,9 @@ def require_tools() -> None:
 
 
 def build_interfaces(into: Path, report: Callable[[str], object] = print, share: Path | None = None) -> bool:
-    """Build into a folder on Python's path what cannot be imported or is outdated; False when one is left out.
+    """Build missing and outdated packages into a folder on Python's path; False if one is skipped.
 
-    ``ros2 interface`` looks in ``share``, that of this environment when None; ``report`` receives one line per package.
+    ``ros2 interface`` searches ``share``, that of this environment when None; ``report`` gets one line per package.
     """
     complete = True
     for package in PACKAGES:
@@ -235,14 +235,14 @@ def _compile(arguments: list[str]) -> None:
 
 
 def main() -> None:
-    """Build into this environment, or into a prefix such as that of a colcon workspace."""
+    """Build into this environment or into a given prefix, such as a colcon workspace."""
     prefix = sys.argv[1] if len(sys.argv) > 1 else sys.prefix
     into = Path(sysconfig.get_path("purelib", vars={"base": prefix}))
     build_interfaces(into, lambda text: print(f"poise: {text}"), Path(prefix) / "share")
 
 
 def generate(package: str, source: Path, files: Sequence[Path], work: Path, share: Path) -> None:
-    """Definitions to IDL, type hashes, C and Python in ``work``; ``share`` holds other packages' definitions."""
+    """Generate IDL, type hashes, C and Python in ``work``; ``share`` contains the definitions of other packages."""
     from rosidl_adapter.action import convert_action_to_idl
     from rosidl_adapter.msg import convert_msg_to_idl
     from rosidl_adapter.srv import convert_srv_to_idl
@@ -282,7 +282,7 @@ def generate(package: str, source: Path, files: Sequence[Path], work: Path, shar
             }
             for library, support in supports.items():
                 support.generate(package, found, include, _folder(work / library / package))
-    except Exception as error:  # the generators raise many kinds
+    except Exception as error:  # the generators raise many types
         raise PoiseError(f"{package}: the generators failed: {type(error).__name__}: {error}") from error
 
 

@@ -1,4 +1,4 @@
-"""Types of packages that may not be built: features that need them are left out with a message."""
+"""Types of packages that may not be built; features that need them are disabled with a message."""
 
 import importlib
 from typing import Any
@@ -9,7 +9,7 @@ ADVICE = "build them with: python -m models.nodes.interface_build"
 
 
 def interface(package: str, kind: str, name: str) -> Any:
-    """Type of a package (``msg``, ``srv`` or ``action``); ``MessageError`` when not built for this Python."""
+    """Type of a package (``msg``, ``srv`` or ``action``); ``MessageError`` if not built for this Python."""
     try:
         found = getattr(importlib.import_module(f"{package}.{kind}"), name)
         found.__class__.__import_type_support__()
@@ -19,7 +19,7 @@ def interface(package: str, kind: str, name: str) -> Any:
 
 
 def missing_types() -> str:
-    """Why the actions of this project cannot be offered; empty when they can."""
+    """Reason why the actions of this project are not available; empty if they are."""
     try:
         interface("poise_interfaces", "action", "WalkTo")
     except MessageError as error:

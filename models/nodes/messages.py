@@ -1,7 +1,7 @@
-"""Conversions between hot messages and state types: fast for the usual layout, and always checked.
+"""Conversions between high-rate messages and state types: fast for the usual layout, and always validated.
 
-Every decoder takes the serialised bytes of a raw subscription. Joint values are keyed by name: messages are reordered
-to the robot's order; missing, unknown or duplicate names are refused, as are NaN and infinity, naming field and joint.
+Decoders take the serialised bytes of a raw subscription. Joint values are keyed by name and reordered to the robot's
+order. Missing, unknown or duplicate names, NaN and infinity are refused; the error names field and joint.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from models.nodes.cdr import NANOSECONDS, Template, field_of, numbers_of, stamp_
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory, Mode, Vector
 
-UNKNOWN_COVARIANCE = -1.0  #: First element of a covariance whose quantity the sensor does not measure (sensor_msgs/Imu)
+UNKNOWN_COVARIANCE = -1.0  #: First element of the covariance of a quantity that is not measured (sensor_msgs/Imu)
 
 
 def to_ns(t: float) -> int:
-    """Seconds to nanoseconds, rounded: exact for every stamp made of whole nanoseconds."""
+    """Seconds to nanoseconds, rounded; exact for stamps of whole nanoseconds."""
     return round(t * NANOSECONDS)
 
 
@@ -48,25 +48,25 @@ def set_stamp(stamp: Any, ns: int) -> None:
 
 
 def clock_message(ns: int) -> Clock:
-    """A time [ns]."""
+    """rosgraph_msgs/Clock of a time [ns]."""
     message = Clock()
     set_stamp(message.clock, ns)
     return message
 
 
 def set_header(message: Any, stamp: int, frame_id: str) -> None:
-    """Write stamp [ns] and frame of a stamped message."""
+    """Set stamp [ns] and frame of a stamped message."""
     set_stamp(message.header.stamp, stamp)
     message.header.frame_id = frame_id
 
 
 def doubles(values: Vector) -> array[float]:
-    """Array for a float64 message field: rclpy copies a list element by element."""
+    """Array for a float64 message field; rclpy would copy a list element by element."""
     return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
 
 def decode(data: bytes, kind: type) -> Any:
-    """Decode a whole message; ``MessageError`` when the bytes are no such message."""
+    """Decode a whole message; ``MessageError`` if the bytes are not of this type."""
     try:
         return deserialize_message(data, kind)
     except Exception as error:  # rclpy raises RuntimeError and RCLError, by version
@@ -74,9 +74,9 @@ def decode(data: bytes, kind: type) -> Any:
 
 
 def require_finite(field: str, values: Vector, names: tuple[str, ...] | None = None) -> None:
-    """Raise ``MessageError`` for NaN and infinity, naming the field and, where given, the joint."""
+    """Raise ``MessageError`` for NaN and infinity, naming the field and the joint, if ``names`` are given."""
     finite = np.isfinite(values)
-    if b"\0" in finite.tobytes():  # every tick: ``finite.all()`` takes twice as long
+    if b"\0" in finite.tobytes():  # runs on every tick; ``finite.all()`` takes twice as long
         i = int(np.flatnonzero(~finite)[0])
         raise MessageError(f"{field} of {names[i] if names else f'element {i}'} is {values[i]}")
 
@@ -88,10 +88,10 @@ class Codec(Generic[S]):
     """Converts serialised messages in which only the numbers of ``fields`` change.
 
     Args:
-        message: A message with its strings and the sizes of its arrays.
-        fields: Paths of the fields of numbers; see ``models.nodes.cdr.field_of``.
-        fixed: Paths of fields in which a message must not differ from this one.
-        names: Names of the numbers of every field, for errors; their index when None.
+        message: Prototype with strings and array sizes.
+        fields: Paths of the numeric fields; see ``models.nodes.cdr.field_of``.
+        fixed: Paths of fields that must equal those of the prototype.
+        names: Names of the numbers of each field, for errors; their index when None.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Codec(Generic[S]):
         return (stamp_of(data), *values)  # type: ignore[return-value]
 
     def read(self, data: bytes) -> S:
-        """Like ``decode``, but accepts NaN, infinity and any stamp: for logs."""
+        """Like ``decode``, but accepts NaN, infinity and any stamp, for logs."""
         values = self._unpack(data)
         return (stamp_of(data, logged=True), *values)  # type: ignore[return-value]
 
@@ -132,9 +132,9 @@ class Codec(Generic[S]):
 
 
 class JointCodec(Codec[S]):
-    """sensor_msgs/JointState with every joint of one robot: numbers (nj,) of some fields.
+    """sensor_msgs/JointState with all joints of one robot: numbers (nj,) of ``fields``.
 
-    They are in the order of ``RobotModel.joint_names``; ``JointNameError`` for a missing, unknown or duplicate joint.
+    Order of ``RobotModel.joint_names``. Raises ``JointNameError`` for a missing, unknown or duplicate joint.
     """
 
     def __init__(self, model: RobotModel, fields: Sequence[str]) -> None:
@@ -161,9 +161,9 @@ class TorqueCodec(JointCodec[tuple[int, Vector]]):
 
 
 def ordered(model: RobotModel, names: Sequence[str], message: Any, fields: Sequence[str]) -> list[Vector]:
-    """Values (nj,) of each field of a message with joint ``names``, in the order of ``RobotModel.joint_names``.
+    """Values (nj,) of the fields of a message with joint ``names``, in the order of ``RobotModel.joint_names``.
 
-    Raises ``JointNameError`` for a missing, unknown or duplicate name, ``MessageError`` for a field of another size.
+    Raises ``JointNameError`` for a missing, unknown or duplicate name, ``MessageError`` for a field of wrong size.
     """
     found = [(field, np.frombuffer(getattr(message, field), dtype=np.float64)) for field in fields]
     for field, numbers in found:
@@ -192,9 +192,9 @@ class WrenchCodec(Codec[tuple[int, Vector]]):
 
 
 class JointCommandCodec:
-    """trajectory_msgs/JointTrajectory of one point: positions, velocities and feed-forward torques of every joint.
+    """trajectory_msgs/JointTrajectory of one point: positions, velocities and feed-forward torques of all joints.
 
-    The stamp is that of the sensor samples from which the command was computed.
+    The stamp is the stamp of the sensor samples used to compute the command.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -208,10 +208,10 @@ class JointCommandCodec:
         return self._template.pack(stamp, (command.q, command.v, command.tau))
 
     def decode(self, data: bytes) -> tuple[int, JointCommand | JointTrajectory]:
-        """Stamp [ns] and a setpoint due at once, or a trajectory to interpolate.
+        """Stamp [ns] and an immediate setpoint, or a trajectory to interpolate.
 
-        Raises ``JointNameError`` when a setpoint has a missing, unknown or duplicate joint, ``MessageError`` for bad
-        size, NaN or infinity in it, or a bad stamp. Trajectories are checked by ``validate_trajectory``.
+        Raises ``JointNameError`` for a missing, unknown or duplicate joint of a setpoint, ``MessageError`` for a wrong
+        size, NaN or infinity in a setpoint, or a bad stamp. ``validate_trajectory`` checks trajectories.
         """
         values = self._template.unpack(data)
         if values is None:
@@ -228,7 +228,7 @@ _FIELDS = ("positions", "velocities", "effort")  #: Fields of a point, in the or
 
 
 def _is_setpoint(message: Any) -> bool:
-    """One point, due at once, with torques: the output of the whole-body controller."""
+    """Whether a message is an output of the whole-body controller: one immediate point with torques."""
     if len(message.points) != 1 or not message.points[0].effort:
         return False
     due = message.points[0].time_from_start
@@ -236,10 +236,9 @@ def _is_setpoint(message: Any) -> bool:
 
 
 def trajectory_from_message(message: Any) -> JointTrajectory:
-    """trajectory_msgs/JointTrajectory to the state type.
+    """trajectory_msgs/JointTrajectory to ``JointTrajectory``.
 
-    Raises ``JointNameError`` for a duplicate name, ``TrajectoryError`` without joints or when the points differ in
-    size.
+    Raises ``JointNameError`` for a duplicate name, ``TrajectoryError`` without joints or for points of wrong size.
     """
     names = tuple(message.joint_names)
     if not names:
@@ -256,7 +255,7 @@ def trajectory_from_message(message: Any) -> JointTrajectory:
 
 
 def trajectory_to_message(trajectory: JointTrajectory) -> JointTrajectoryMsg:
-    """State type to trajectory_msgs/JointTrajectory, with a zero stamp: start at once."""
+    """``JointTrajectory`` to trajectory_msgs/JointTrajectory, with a zero stamp, which means an immediate start."""
     message = JointTrajectoryMsg(joint_names=list(trajectory.joint_names))
     for i, t in enumerate(trajectory.times):
         point = JointTrajectoryPoint(positions=doubles(trajectory.positions[i]))
@@ -280,16 +279,16 @@ PAN, TILT = "pan", "tilt"  #: Names in the messages; the profile maps them to jo
 
 
 def head_message(stamp: int, pan: float, tilt: float) -> Any:
-    """sensor_msgs/JointState with a stamp [ns] of two angles [rad]."""
+    """sensor_msgs/JointState of pan and tilt [rad] with a stamp [ns]."""
     message = JointState(name=[PAN, TILT], position=[pan, tilt])
     set_stamp(message.header.stamp, stamp)
     return message
 
 
 def head_from_message(message: Any) -> tuple[float, float]:
-    """Pan and tilt of a sensor_msgs/JointState [rad]; velocities and efforts are ignored.
+    """Pan and tilt [rad] of a sensor_msgs/JointState; velocities and efforts are ignored.
 
-    Raises ``MessageError`` unless it has one finite position for each of ``pan`` and ``tilt``, and no other name.
+    Raises ``MessageError`` unless the names are exactly ``pan`` and ``tilt``, with one finite position each.
     """
     names = list(message.name)
     if sorted(names) != [PAN, TILT]:
@@ -307,7 +306,7 @@ MODES = {mode.value: mode for mode in Mode}  #: Mode by name
 
 
 def mode_named(word: str) -> Mode:
-    """Mode of a name; ``MessageError`` lists the valid ones."""
+    """Mode by name; ``MessageError`` lists the valid names."""
     if word not in MODES:
         raise MessageError(f"unknown mode '{word[:32]}'; known: {', '.join(MODES)}")
     return MODES[word]

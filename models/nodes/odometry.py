@@ -32,7 +32,7 @@ class OdometryCodec:
         self._covariance = np.zeros((2, 36))
 
     def set_covariance(self, pose: Matrix, twist: Matrix) -> None:
-        """Set the covariances (6, 6) of pose (rotation about fixed axes) and twist; 0 before, which means unknown."""
+        """Set the covariances (6, 6) of pose (rotation about fixed axes) and twist; initially 0, meaning unknown."""
         self._covariance[:] = pose.ravel(), twist.ravel()
 
     def encode(self, stamp: int, state: RobotState) -> bytes:
@@ -41,7 +41,7 @@ class OdometryCodec:
         return self._codec.encode(stamp, state.q[:7], pose, state.v[:6], twist)
 
     def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
-        """Stamp [ns], pose (7,) and twist in the base frame (6,); ``MessageError`` if they are unusable."""
+        """Stamp [ns], pose (7,) and twist in the base frame (6,); ``MessageError`` for unusable values."""
         _, pose, _, twist, _ = self._codec.read(data)
         require_finite("pose", pose)
         require_finite("twist", twist)
@@ -52,7 +52,7 @@ class OdometryCodec:
 
 
 def contacts_to_bytes(contacts: tuple[ContactState, ContactState]) -> bytes:
-    """Serialised message: 1 for each foot that bears load, in the order of ``FOOT_NAMES``, which label the layout."""
+    """Serialised message with 1 for each foot that bears load; ``FOOT_NAMES`` are the labels of the layout."""
     return _contacts_bytes(tuple(bool(contact.active) for contact in contacts))
 
 
@@ -79,7 +79,7 @@ def velocity_to_twist(velocity: Velocity) -> Any:
 
 
 def velocity_from_twist(message: Any) -> Velocity:
-    """Walking velocity of a geometry_msgs/Twist, other components ignored; ``MessageError`` for NaN or infinity."""
+    """Walking velocity of a geometry_msgs/Twist; ignores other components. ``MessageError`` for NaN or infinity."""
     for part in ("linear", "angular"):
         for axis in ("x", "y", "z"):
             value = getattr(getattr(message, part), axis)
@@ -89,6 +89,6 @@ def velocity_from_twist(message: Any) -> Velocity:
 
 
 def require_base_frame(frame_id: str) -> None:
-    """Refuse a velocity of another frame with a ``MessageError``; an empty frame means the base."""
+    """Raise ``MessageError`` for a velocity in another frame; an empty frame means the base."""
     if frame_id not in ("", BASE_FRAME):
         raise MessageError(f"header.frame_id: '{frame_id[:32]}' instead of '{BASE_FRAME}'")

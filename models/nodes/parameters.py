@@ -1,4 +1,4 @@
-"""A law's configuration as ROS parameters: declared from its schema, with description, range and read-only flag."""
+"""Configuration of a law as ROS parameters, declared from the schema with description, range and read-only flag."""
 
 import dataclasses
 import inspect
@@ -23,8 +23,8 @@ _SCALARS = (bool, int, float, str)
 def declare_config(node: Any, default: T, prefix: str = "", live: Collection[str] = ()) -> T:
     """Declare every field of a configuration as a parameter and return the configuration after overrides.
 
-    Nested dataclasses become dotted names, after ``prefix``; parameters in ``live`` may be changed while the node runs.
-    Raises ``ConfigError`` that names a parameter out of range.
+    Fields of nested dataclasses get dotted names after ``prefix``. Parameters in ``live`` may change while the node
+    runs. Raises ``ConfigError``, which names a parameter out of range.
     """
     values = _declare(node, default, prefix, live)
     return parse_config(type(default), values, f"parameters of {node.get_name()}")
@@ -50,7 +50,7 @@ def describe(
 
 
 def declare(node: Any, name: str, default: S, description: str, **bounds: Any) -> S:
-    """Declare one read-only parameter and return its value; ``bounds`` are those of ``describe``."""
+    """Declare one read-only parameter and return its value; ``bounds`` are arguments of ``describe``."""
     value: S = node.declare_parameter(name, default, describe(description, **bounds)).value
     return value
 
@@ -66,7 +66,7 @@ def declare_period(node: Any, name: str, default: float, of: str, *, high: float
 
 
 def declare_lockstep(node: Any) -> tuple[bool, bool]:
-    """Declare the parameters ``lockstep`` and ``waits`` of the nodes of the tick; the first implies the other."""
+    """Declare the parameters ``lockstep`` and ``waits`` of the nodes of a tick; ``lockstep`` implies ``waits``."""
     text = "The plant waits for the command of each tick (for deterministic tests)"
     lockstep: bool = declare(node, "lockstep", False, text)
     text = (
@@ -76,7 +76,7 @@ def declare_lockstep(node: Any) -> tuple[bool, bool]:
 
 
 def _declare(node: Any, default: Any, prefix: str, live: Collection[str]) -> dict[str, Any]:
-    """Declare the fields of one dataclass, described by their comments; returns their values by field name."""
+    """Declare the fields of one dataclass, with their comments as descriptions; returns the values by field name."""
     schema: Any = type(default)
     hints, texts = typing.get_type_hints(schema, include_extras=True), descriptions(schema)
     summary = inspect.cleandoc(schema.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
@@ -93,7 +93,7 @@ def _declare(node: Any, default: Any, prefix: str, live: Collection[str]) -> dic
 
 
 def _declare_item(node: Any, name: str, value: Any, hint: Any, text: str, live: Collection[str]) -> Any:
-    """Declare one value if ROS has a type for it, otherwise leave it at its default."""
+    """Declare one value if ROS has a type for it; otherwise return the default."""
     if dataclasses.is_dataclass(value):
         return _declare(node, value, f"{name}.", live)
     if isinstance(value, tuple | list) and value and all(type(item) in (float, str) for item in value):
@@ -114,7 +114,7 @@ def _plain(value: Any) -> Any:
 
 
 def _descriptor(hint: Any, text: str, kind: type, read_only: bool) -> Any:
-    """Descriptor with the bounds of ``Annotated``. ROS ranges include their ends; the schema checks open ones."""
+    """Descriptor with the bounds of ``Annotated``. ROS ranges include their ends; the schema checks open bounds."""
     low, high = -math.inf, math.inf
     for info in _metadata(hint):
         text = getattr(info, "description", None) or text
@@ -130,7 +130,7 @@ def _descriptor(hint: Any, text: str, kind: type, read_only: bool) -> Any:
 
 
 def _metadata(hint: Any) -> tuple[Any, ...]:
-    """Metadata of an ``Annotated`` type, also inside ``Optional``."""
+    """Metadata of an ``Annotated`` type, also within ``Optional``."""
     if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union:
         return tuple(item for part in typing.get_args(hint) for item in _metadata(part))
     return tuple(getattr(hint, "__metadata__", ()))

@@ -15,14 +15,14 @@ from models.range_sensor import DEPTH_FRAME, DEPTH_UNIT, POINTS_MAX, PointCloud,
 from models.scan import SCAN_FRAME, Scan, check_scan
 from models.types import Matrix
 
-Picture = NDArray[np.uint8]  #: Rows of pixels of red, green, blue (height, width, 3)
-#: Encodings that are read, and the order of their channels
+Picture = NDArray[np.uint8]  #: RGB image (height, width, 3)
+#: Supported encodings, and the order of their channels
 ENCODINGS = {"rgb8": slice(None), "bgr8": slice(None, None, -1)}
 _COORDINATES = ("x", "y", "z")
 
 
 def image_message(stamp: int, picture: Picture) -> Any:
-    """sensor_msgs/Image with a stamp [ns]."""
+    """sensor_msgs/Image of encoding rgb8 with a stamp [ns]."""
     height, width, channels = picture.shape
     message = Image(height=height, width=width, encoding="rgb8", step=width * channels)
     set_header(message, stamp, CAMERA_FRAME)
@@ -43,7 +43,7 @@ def picture_of(message: Any) -> Picture:
 
 
 def depth_message(stamp: int, depth: Matrix) -> Any:
-    """sensor_msgs/Image of encoding 16UC1 with a stamp [ns], of depths (height, width) [m]; nan becomes 0."""
+    """sensor_msgs/Image of encoding 16UC1 with a stamp [ns] from depths (height, width) [m]; nan becomes 0."""
     height, width = depth.shape
     message = Image(height=height, width=width, encoding="16UC1", step=2 * width)
     set_header(message, stamp, DEPTH_FRAME)
@@ -63,9 +63,9 @@ def cloud_message(stamp: int, cloud: PointCloud) -> Any:
 
 
 def cloud_from_message(message: Any) -> PointCloud:
-    """Cloud of a sensor_msgs/PointCloud2 with x, y and z of 32-bit floats, in any layout; points of nan are dropped.
+    """Cloud of a sensor_msgs/PointCloud2 with x, y, z as 32-bit floats in any layout; drops points that are not finite.
 
-    Raises ``MessageError`` for a missing coordinate, another type, inconsistent sizes, or by ``check_cloud``.
+    Raises ``MessageError`` for a missing coordinate, another type, inconsistent sizes, or as ``check_cloud``.
     """
     count, step, order = message.width * message.height, message.point_step, ">" if message.is_bigendian else "<"
     offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
@@ -89,7 +89,7 @@ def cloud_from_message(message: Any) -> PointCloud:
 
 
 def info_message(stamp: int, camera: Pinhole, frame: str = CAMERA_FRAME) -> Any:
-    """sensor_msgs/CameraInfo with a stamp [ns] of a camera without distortion in an optical frame."""
+    """sensor_msgs/CameraInfo with a stamp [ns] of a camera without distortion; ``frame`` is its optical frame."""
     message = CameraInfo(height=camera.height, width=camera.width, distortion_model="plumb_bob", d=[0.0] * 5)
     set_header(message, stamp, frame)
     message.k, message.r = camera.matrix.ravel(), np.eye(3).ravel()
@@ -108,7 +108,7 @@ def pinhole_of(message: Any) -> Pinhole:
 
 
 def scan_to_message(stamp: int, scan: Scan, period: float) -> Any:
-    """sensor_msgs/LaserScan with a stamp [ns] of a scan that was taken at one instant, one every period [s]."""
+    """sensor_msgs/LaserScan with a stamp [ns] of a scan taken at one instant; ``period`` between two scans [s]."""
     message = LaserScan(
         angle_min=scan.angle_min,
         angle_max=scan.angle_max,
@@ -123,7 +123,7 @@ def scan_to_message(stamp: int, scan: Scan, period: float) -> Any:
 
 
 def scan_from_message(message: Any) -> Scan:
-    """Scan of a sensor_msgs/LaserScan; ``MessageError`` for another frame, inconsistent sizes, or by ``check_scan``."""
+    """Scan of a sensor_msgs/LaserScan; ``MessageError`` for another frame, inconsistent sizes, or as ``check_scan``."""
     frame = message.header.frame_id
     if frame != SCAN_FRAME:
         raise MessageError(f"header.frame_id: '{frame[:32]}' instead of '{SCAN_FRAME}'")
@@ -136,7 +136,7 @@ def scan_from_message(message: Any) -> Scan:
         range_max=message.range_max,
     )
     check_scan(scan)
-    # Drivers disagree whether a full turn repeats its first direction: one reading more or less is accepted.
+    # Some drivers repeat the first direction of a full turn: one reading more or less is accepted.
     if not abs(scan.angle_max - message.angle_max) <= 1.5 * abs(scan.angle_increment):
         raise MessageError(f"ranges: {len(scan.ranges)} readings end at {scan.angle_max:.4f} rad, not at angle_max")
     if len(message.intensities) not in (0, len(scan.ranges)):

@@ -1,4 +1,4 @@
-"""Quality of service of every topic of the graph, and the detection of endpoints that do not match."""
+"""Quality of service of all topics of the graph, and detection of incompatible endpoints."""
 
 import time
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from rclpy.qos import (
 
 
 def keep_last(depth: int, *, reliable: bool, latched: bool = False, deadline_s: float | None = None) -> QoSProfile:
-    """Profile of a queue of ``depth`` messages; DDS watches the deadline [s], disabled when None."""
+    """Profile with a queue of ``depth`` messages; DDS monitors the deadline [s], disabled when None."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -28,47 +28,47 @@ def keep_last(depth: int, *, reliable: bool, latched: bool = False, deadline_s: 
 
 
 #: Publishers of sensors and states: reliable, so that a subscriber with default QoS matches. With keep last a publisher
-#: never waits for a subscriber: the oldest message makes room, acknowledged or not
+#: never waits for a subscriber: a full queue drops the oldest message, even if not acknowledged
 STATE = keep_last(10, reliable=True)
-#: Subscribers of the graph to sensors and states: only the newest sample matters
+#: Subscribers of the graph to sensors and states: newest sample only
 SENSOR = keep_last(1, reliable=False)
-#: Sensors for a subscriber that counts or logs: deep enough for a busy one
+#: Subscribers that count or log sensor samples: deep enough for a busy subscriber
 SENSOR_QUEUE = keep_last(100, reliable=False)
-#: ``/robot_description``, ``/mode``: late subscribers get the last value
+#: ``/robot_description``, ``/mode``: late subscribers receive the last value
 LATCHED = keep_last(1, reliable=True, latched=True)
-#: ``/refusals``: late subscribers get the last ones of each node
+#: ``/refusals``: late subscribers receive the last refusals of each node
 REFUSALS = keep_last(10, reliable=True, latched=True)
 #: Requests and replies: none may be lost
 EVENT = keep_last(10, reliable=True)
-#: Joint commands without an offered or requested deadline, for commanders slower than the controller
+#: Joint commands without deadline, for publishers slower than the controller
 COMMAND = keep_last(1, reliable=True)
 
 
 def sensor(*, lockstep: bool, waits: bool) -> QoSProfile:
-    """Profile of a subscriber to sensors: the newest; where the plant waits every sample, in lockstep none lost."""
+    """Subscriber to sensors: newest sample only; all samples if the plant ``waits``; reliable in ``lockstep``."""
     return STATE if lockstep else SENSOR_QUEUE if waits else SENSOR
 
 
 def command(deadline_s: float | None = None) -> QoSProfile:
-    """Joint commands: reliable, newest only, with this offered deadline [s], none when None."""
+    """Joint commands: reliable, newest only; offered deadline [s], disabled when None."""
     return keep_last(1, reliable=True, deadline_s=deadline_s)
 
 
-#: Time for which a mismatch counts without the graph: the event may precede the discovery of the other end [s]
+#: Time before a mismatch is checked against the graph; its event may precede the discovery of the endpoint [s]
 SETTLE_TIME = 1.0
-INCOMPATIBLE_QOS = "incompatible QoS"  #: First words of the key in diagnostics; the topic follows
+INCOMPATIBLE_QOS = "incompatible QoS"  #: Prefix of the key in diagnostics; the topic follows
 PUBLISHER, SUBSCRIBER = "publisher", "subscriber"
 
 
 class Endpoint(NamedTuple):
-    """One end of a topic, by the name that the node uses; ``other`` is ``PUBLISHER`` or ``SUBSCRIBER``."""
+    """Remote end of a topic, named as in the node; ``other`` is ``PUBLISHER`` or ``SUBSCRIBER``."""
 
     topic: str
     other: str
 
 
 class Mismatch(NamedTuple):
-    """Last event: policy such as ``RELIABILITY``, profile of the node's end, and monotonic time [s]."""
+    """Last event: policy such as ``RELIABILITY``, local QoS profile, and monotonic time [s]."""
 
     policy: str
     qos: QoSProfile
@@ -76,10 +76,10 @@ class Mismatch(NamedTuple):
 
 
 class QosWatch:
-    """Records mismatches from the middleware's events, and asks the graph whether the other end still exists.
+    """Records QoS mismatches from middleware events, and queries the graph for whether the other end still exists.
 
-    Events come at discovery, never in a tick; without a mismatch ``look`` costs nothing. No event reports that the
-    other end has gone, so ``look`` compares profiles; a killed one goes when its lease ends, up to 20 s later.
+    Events occur at discovery, not in a tick. Without a mismatch ``look`` costs nothing. No event reports the removal of
+    an endpoint, so ``look`` compares profiles; a killed endpoint disappears with its lease, up to 20 s later.
     """
 
     def __init__(self, node: Any) -> None:
@@ -97,7 +97,7 @@ class QosWatch:
         return SubscriptionEventCallbacks(incompatible_qos=lambda event: self._note(end, qos, event))
 
     def look(self) -> None:
-        """Drop mismatches whose other ends are gone. Asks the graph, about 0.1 ms for each: never in a tick."""
+        """Drop mismatches without remote endpoint. A graph query takes about 0.1 ms each: not for use in a tick."""
         now = time.monotonic()
         for end, mismatch in list(self._found.items()):
             if now - mismatch.seen >= SETTLE_TIME and not self._stands(end, mismatch.qos):
@@ -105,12 +105,12 @@ class QosWatch:
                 self._node.get_logger().info(f"'{end.topic}': no {end.other} with incompatible QoS any more")
 
     def forget(self, topic: str) -> None:
-        """Drop the mismatches of a topic that the node gives up."""
+        """Drop the mismatches of a topic that the node no longer uses."""
         for other in (PUBLISHER, SUBSCRIBER):
             self._found.pop(Endpoint(topic, other), None)
 
     def values(self) -> dict[str, str]:
-        """Items for the diagnostics; none when all agree."""
+        """Items for the diagnostics; empty without mismatch."""
         return {
             f"{INCOMPATIBLE_QOS} {end.topic}": f"{end.other}: {mismatch.policy}"
             for end, mismatch in self._found.items()
@@ -129,7 +129,7 @@ class QosWatch:
         self._found[end] = Mismatch(policy, qos, time.monotonic())
 
     def _stands(self, end: Endpoint, qos: QoSProfile) -> bool:
-        """Whether an incompatible endpoint still exists at the other end."""
+        """Whether an incompatible remote endpoint still exists."""
         if end.other == PUBLISHER:
             offered = self._node.get_publishers_info_by_topic(end.topic)
             pairs = [(info.qos_profile, qos) for info in offered]

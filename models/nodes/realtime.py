@@ -1,4 +1,4 @@
-"""Real-time set-up of a process, each step optional and logged when not permitted, and the time of its ticks."""
+"""Real-time set-up of a process, and timing of its ticks. Each step is optional and logged if not permitted."""
 
 import ctypes
 import errno
@@ -20,30 +20,30 @@ _PR_SET_PDEATHSIG = 1
 
 
 def settle() -> None:
-    """Collect garbage once, exempt all living objects from later collections, and turn automatic collection off."""
+    """Collect garbage once, exempt all existing objects from later collections, and disable automatic collection."""
     gc.collect()
     gc.freeze()
     gc.disable()
 
 
 def collect() -> None:
-    """Collect garbage created since ``settle``; to be called between ticks."""
+    """Collect garbage created since ``settle``; call between ticks."""
     gc.collect()
 
 
 def release() -> None:
-    """Collect frozen objects too: ROS's context and its thread, which must end before the process."""
+    """Collect frozen objects too, such as the ROS context, whose thread must end before the process."""
     gc.unfreeze()
     gc.collect()
 
 
-_done: set[str] = set()  #: Completed steps of this process; nodes that share it request the same ones
+_done: set[str] = set()  #: Completed steps of this process; several nodes of a process request the same steps
 
 
 def use_fifo(priority: int, log: Callable[[str], object], inherited: bool = True) -> bool:
-    """Schedule all threads first-in first-out, at priority 1 to 99; 0: no change. Logs and returns the outcome.
+    """Schedule all threads with SCHED_FIFO at ``priority`` 1 to 99; 0: no change. Logs and returns the outcome.
 
-    Processes and threads that are started later have this priority too, or the ordinary one if it is not ``inherited``.
+    Later processes and threads inherit this priority if ``inherited``, else they have ordinary priority.
     """
     if priority <= 0 or f"fifo {priority}" in _done:
         return priority > 0
@@ -59,14 +59,14 @@ def use_fifo(priority: int, log: Callable[[str], object], inherited: bool = True
 
 
 def each_thread(apply: Callable[[int], object]) -> None:
-    """Do something to every thread of this process that still lives."""
+    """Call ``apply`` with the id of every thread of this process."""
     for task in Path("/proc/self/task").iterdir():
-        with suppress(ProcessLookupError):  # it has just ended
+        with suppress(ProcessLookupError):  # the thread has just ended
             apply(int(task.name))
 
 
 def lock_memory(log: Callable[[str], object]) -> bool:
-    """Keep the pages of this process in memory from their first use on; logs and returns as ``use_fifo``."""
+    """Lock the pages of this process in memory on first use; logs and returns the outcome."""
     if "locked" in _done:
         return True
     libc = ctypes.CDLL(None, use_errno=True)
@@ -78,18 +78,18 @@ def lock_memory(log: Callable[[str], object]) -> bool:
     return False
 
 
-#: Kernel's description of a core. Locked by the process that has taken it, until that ends.
+#: Kernel's folder of a core; the process that has taken the core locks it until it ends
 _CORE = "/sys/devices/system/cpu/cpu{}"
 
 
 def take_core(log: Callable[[str], object]) -> bool:
-    """Keep every thread of this process on one core that no other process of any graph has taken.
+    """Pin all threads of this process to one core that no other process of any graph has taken.
 
-    The thread of the laws then continues on the core of the middleware's thread, with warm caches; waking a thread on a
-    sleeping core costs more than the rest of the hand-over. When such processes outnumber the cores, the kernel places
-    the last ones. Only for real-time processes, because others would be delayed by whatever runs on that core, and only
-    where little else runs: the kernel reserves a share of each core for ordinary processes, up to 50 ms at a time, and
-    a bound process cannot evade. Logs the outcome and returns whether it has a core.
+    The thread of the laws then runs on the core of the middleware's thread, with warm caches. Waking a thread on a
+    sleeping core costs more than the rest of the hand-over. If there are more such processes than cores, the kernel
+    places the last ones. Use for real-time processes only, because other work on the core delays an ordinary process,
+    and only on a machine with little load: the kernel reserves a share of each core for ordinary processes, up to 50 ms
+    at a time, and a pinned process cannot move to another core. Logs the outcome and returns whether a core was taken.
     """
     if "core" in _done:
         return True
@@ -105,7 +105,7 @@ def take_core(log: Callable[[str], object]) -> bool:
             os.close(lock)
             continue
         if pin_to([core], log):
-            _done.add("core")  # the lock stays open as long as the process lives
+            _done.add("core")  # the lock stays open until the process ends
             return True
         os.close(lock)
     log("no core is free for this process alone: placed by the kernel")
@@ -113,7 +113,7 @@ def take_core(log: Callable[[str], object]) -> bool:
 
 
 def best_first(cores: Iterable[int]) -> list[int]:
-    """First threads of a core before second ones, fast before slow, last before first, which gets interrupts."""
+    """Sort cores: first hardware threads before second ones, fast before slow, last index first (0 gets interrupts)."""
 
     def rank(core: int) -> tuple[bool, int, int]:
         siblings = re.match(r"\d+", _about(core, "topology/thread_siblings_list"))
@@ -130,18 +130,18 @@ def _about(core: int, file: str) -> str:
         return ""
 
 
-_cores: set[int] = set()  #: Allowed cores of this process before it was pinned; empty while it is not
+_cores: set[int] = set()  #: Allowed cores of this process before pinning; empty if not pinned
 
 
 def be_ordinary() -> None:
-    """Schedule the calling thread, and no other, with ordinary priority on any core."""
+    """Schedule only the calling thread with ordinary priority, on any core."""
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     if _cores:
         os.sched_setaffinity(0, _cores)
 
 
 def pin_to(cores: list[int], log: Callable[[str], object]) -> bool:
-    """Run this process on the given cores only; logs and returns as ``use_fifo``."""
+    """Run this process on the given cores only; logs and returns the outcome."""
     _cores.update(os.sched_getaffinity(0))
     try:
         each_thread(lambda thread: os.sched_setaffinity(thread, cores))
@@ -153,13 +153,13 @@ def pin_to(cores: list[int], log: Callable[[str], object]) -> bool:
 
 
 def die_with_parent() -> None:
-    """Have the kernel end this process when the one that started it dies; no effect where the kernel cannot."""
+    """Request SIGTERM from the kernel when the parent process dies; no effect if not supported."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 class _SigEvent(ctypes.Structure):
-    """``struct sigevent`` of glibc: at its time, a timer calls ``function`` with ``value`` in a thread."""
+    """``struct sigevent`` of glibc: a timer calls ``function`` with ``value`` in a thread."""
 
     _fields_ = (
         ("value", ctypes.c_void_p),
@@ -174,10 +174,10 @@ _SIGEV_THREAD, _CLOCK_MONOTONIC = 2, 1
 
 
 def end_within(seconds: int, code: int) -> Callable[[], object]:
-    """Have this process end with an exit code after a time [s], whatever blocks it then; returns what cancels that.
+    """End this process with exit code ``code`` after a time [s], even if it is blocked; returns a cancel function.
 
-    Threads of Fast DDS 2.14 have waited for each other while a writer was removed, with Python's interpreter lock held:
-    so the timer and the thread that ends the process are those of the C library.
+    Threads of Fast DDS 2.14 can deadlock during the removal of a writer while holding Python's interpreter lock.
+    Therefore timer and thread are those of the C library.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     event = _SigEvent(value=code, notify=_SIGEV_THREAD, function=ctypes.cast(libc._exit, ctypes.c_void_p).value)
@@ -188,12 +188,12 @@ def end_within(seconds: int, code: int) -> Callable[[], object]:
     return lambda: libc.timer_delete(timer)
 
 
-WINDOW = 4096  #: Ticks in the statistics: about four seconds at 1 kHz
-MEDIAN, TAIL = "tick p50 [us]", "tick p99 [us]"  #: Keys of the figures in the diagnostics
+WINDOW = 4096  #: Number of ticks in the statistics: about four seconds at 1 kHz
+MEDIAN, TAIL = "tick p50 [us]", "tick p99 [us]"  #: Keys in the diagnostics
 
 
 class TickTimer:
-    """Times a law; a context manager around each of its ticks."""
+    """Measures the duration of ticks; a context manager around each tick."""
 
     def __init__(self) -> None:
         self._durations = np.zeros(WINDOW)  # [us]
@@ -213,12 +213,12 @@ class TickTimer:
         return 1e-6 * float(self._durations[(self._count - 1) % WINDOW])
 
     def values(self) -> dict[str, str]:
-        """Median and 99th percentile of the remembered ticks [us], for diagnostics; empty before the first tick."""
+        """Median and 99th percentile of the last ticks [us], for diagnostics; empty before the first tick."""
         p50, p99 = self.percentiles()
         return {MEDIAN: f"{p50:.0f}", TAIL: f"{p99:.0f}"} if self._count else {}
 
     def percentiles(self) -> tuple[float, float]:
-        """Median and 99th percentile of the remembered ticks [us]; NaN before the first tick."""
+        """Median and 99th percentile of the last ticks [us]; NaN before the first tick."""
         if self._count == 0:
             return math.nan, math.nan
         p50, p99 = np.percentile(self._durations[: min(self._count, WINDOW)], [50.0, 99.0])

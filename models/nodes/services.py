@@ -1,4 +1,4 @@
-"""Services with types of this project, where these are built, and services that answer later."""
+"""Services with types of this project, if these are built, and services with deferred responses."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +17,7 @@ def offer_own(
     callback: Callable[[Any, Any], Any],
     serve: Callable[[PoiseNode, type, str, Callable[[Any, Any], Any]], None] = PoiseNode.serve,
 ) -> None:
-    """Offer a service until ``cleanup`` by ``serve`` or ``serve_later``; without its type the diagnostics say so."""
+    """Offer a service until ``cleanup`` by ``serve`` or ``serve_later``; diagnostics report a missing type."""
     try:
         found = interface(PACKAGE, "srv", kind)
     except MessageError as error:
@@ -27,19 +27,19 @@ def offer_own(
 
 
 def own_message(kind: str) -> Any:
-    """Type of a message in such a service."""
+    """Message type of ``poise_interfaces``."""
     return interface(PACKAGE, "msg", kind)
 
 
 class Owed:
-    """Pending answer of a service; a callback returns it in place of a response."""
+    """Deferred response of a service; a callback returns it in place of a response."""
 
     def __init__(self) -> None:
         self._send: Callable[[Any], None] | None = None
         self._response: Any = None
 
     def answer(self, response: Any) -> None:
-        """Send the response, at once or as soon as the callback has returned."""
+        """Send the response, at once or after the callback has returned."""
         self._response = response
         self._deliver()
 
@@ -56,7 +56,7 @@ class Owed:
 
 
 def serve_later(node: PoiseNode, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
-    """Offer a service until ``cleanup`` whose callback returns a response, or an ``Owed`` that is answered later."""
+    """Offer a service until ``cleanup``; its callback returns a response, or an ``Owed`` for a deferred response."""
     service = node.create_service(kind, name, callback)
     send = service.send_response
 

@@ -1,4 +1,4 @@
-"""Run nodes in one process until a signal, with an exit code that reports failures."""
+"""Run nodes in one process until a signal; the exit code reports failures."""
 
 import os
 import signal
@@ -18,20 +18,20 @@ from rclpy.utilities import ok, try_shutdown
 from models.errors import ConfigError, PoiseError, did_you_mean
 from models.nodes import realtime
 
-SUPERVISED = "POISE_SUPERVISED"  #: Set by the launcher for the processes that are to end with it
-END_TIME = 3  #: Longest time for which the middleware may delay the end of a process [s]
-SPIN_TIMEOUT = 0.1  #: Longest time between two checks of the stop flag [s]
+SUPERVISED = "POISE_SUPERVISED"  #: Set by the launcher for processes that must end with it
+END_TIME = 3  #: Maximum delay of the end of a process by the middleware [s]
+SPIN_TIMEOUT = 0.1  #: Maximum time between two checks of the stop flag [s]
 
 
 def log_variables() -> dict[str, str]:
-    """Environment for rclpy's logs, if none is set: without a home rclpy would fail."""
+    """Environment variables for rclpy's log folder if neither it nor HOME is set; rclpy would fail without."""
     if "HOME" in os.environ or "ROS_LOG_DIR" in os.environ:
         return {}
     return {"ROS_LOG_DIR": str(Path(tempfile.gettempdir()) / f"ros_log_{os.getuid()}")}
 
 
 def log_arguments() -> list[str]:
-    """Arguments for ``rclpy.init`` that log to the terminal alone where no log file can be written."""
+    """Arguments for ``rclpy.init`` that disable log files if none can be written."""
     home = Path(os.environ.get("ROS_HOME") or Path(os.environ.get("HOME", "/")) / ".ros")
     folder = Path(os.environ.get("ROS_LOG_DIR") or home / "log")
     try:
@@ -59,7 +59,7 @@ class Stop:
 
 
 def make_executor(context: Any = None) -> Any:
-    """Events executor where rclpy has it (a quarter of the processor time), the single-threaded one elsewhere."""
+    """Events executor if rclpy has it (a quarter of the processor time), else the single-threaded executor."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
@@ -70,7 +70,7 @@ def make_executor(context: Any = None) -> Any:
 
 
 def spin(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
-    """Serve callbacks until a signal. ``EventsExecutor.spin`` itself delivers nothing, ``spin_once`` does."""
+    """Execute callbacks until a signal; uses ``spin_once``, because ``EventsExecutor.spin`` executes no callbacks."""
     while ok() and not stop.requested:
         executor.spin_once(timeout_sec=SPIN_TIMEOUT)
 
@@ -83,10 +83,10 @@ def run(
 ) -> int:
     """Create nodes, bring up those with autostart, and run them until SIGINT or SIGTERM.
 
-    ``factories`` each make one node; the list is emptied, because they may refer to each other's nodes. ``args`` is the
-    command line with ROS arguments, that of the process when None; ``loop`` serves the executor of ``make`` until the
-    flag is set. Returns 0 after a signal, 1 when a callback raised, a node with autostart could not start, or a
-    parameter is unknown, of a wrong type or out of range.
+    Each of ``factories`` creates one node; the list is emptied, because factories may hold references to nodes.
+    ``args`` is the command line with ROS arguments, that of the process when None. ``loop`` spins the executor of
+    ``make`` until the stop flag is set. Returns 0 after a signal, 1 if a callback raised, a node with autostart did not
+    start, or a parameter is unknown, of a wrong type or out of range.
     """
     if os.environ.get(SUPERVISED):
         realtime.die_with_parent()
@@ -107,7 +107,7 @@ def run(
     except (PoiseError, ParameterException) as error:
         print(error, file=sys.stderr, flush=True)
         code = 1
-    except Exception:  # no partly failed node: log it and end the process
+    except Exception:  # a partly failed node must not continue: log it and end the process
         traceback.print_exc()
         code = 1
     finally:
@@ -124,7 +124,7 @@ def run(
 
 
 def program(*nodes: Callable[[], Any], **options: Any) -> Callable[..., None]:
-    """Entry point of a process that runs nodes until a signal and exits with the code of ``run``, with its options."""
+    """Entry point of a process that calls ``run`` with nodes and ``options`` and exits with its code."""
 
     def main(args: list[str] | None = None) -> None:
         sys.exit(run(list(nodes), args, **options))
@@ -133,9 +133,9 @@ def program(*nodes: Callable[[], Any], **options: Any) -> Callable[..., None]:
 
 
 def refuse_undeclared(nodes: Sequence[Any]) -> None:
-    """Refuse a parameter, of the command line or a file, that no node of this process declares; rclpy ignores it.
+    """Refuse a parameter of the command line or a file that no node of this process declares; rclpy would ignore it.
 
-    Raises ``ConfigError`` with its name and the nearest known one.
+    Raises ``ConfigError`` with its name and the nearest known name.
     """
     declared = tuple(name for node in nodes for name in node.get_parameters_by_prefix(""))
     for node in nodes:
@@ -144,7 +144,7 @@ def refuse_undeclared(nodes: Sequence[Any]) -> None:
                 raise ConfigError(f"{node.get_name()}: unknown parameter '{name}'{did_you_mean(name, declared)}")
 
 
-# Functions, so that no variable of ``run`` keeps a node beyond its end
+# Separate functions, so that no local variable of ``run`` keeps a node alive
 
 
 def _bring_up(nodes: Sequence[Any]) -> None:

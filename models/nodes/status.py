@@ -1,6 +1,6 @@
 """Status records as messages of named, typed values.
 
-The message is ``rcl_interfaces/ParameterEvent``: the node, the stamp, and one typed value for each field. It belongs to
+The message is ``rcl_interfaces/ParameterEvent``: node, stamp, and one typed value per field. The type comes with
 rclpy, so supervision needs no compiler, and all machines of a graph agree on the type.
 """
 
@@ -21,7 +21,7 @@ StatusMessage = ParameterEvent
 
 
 def status_to_message(record: Status, node: str, stamp: Any) -> Any:
-    """Message of a record from a node, by its full name, at a builtin_interfaces/Time."""
+    """Message of a record; ``node`` is the fully qualified name, ``stamp`` a builtin_interfaces/Time."""
     values = msgspec.to_builtins(record)
     return StatusMessage(
         node=node,
@@ -31,7 +31,7 @@ def status_to_message(record: Status, node: str, stamp: Any) -> Any:
 
 
 def status_from_message(message: Any, kind: type[T]) -> T:
-    """Record of a message; ``MessageError`` names a field that is missing, unknown, or of another type."""
+    """Record of a message; ``MessageError`` names a missing or unknown field, or a field of wrong type."""
     values = {item.name: parameter_value_to_python(item.value) for item in message.changed_parameters}
     try:
         return msgspec.convert(values, kind)
@@ -40,7 +40,7 @@ def status_from_message(message: Any, kind: type[T]) -> T:
 
 
 def subscribe_status(node: Any, kind: type[T], topic: str, callback: Callable[[T], object], qos: Any = EVENT) -> Any:
-    """Subscription of a plain rclpy node to a status record; a malformed one is logged and dropped."""
+    """Subscribe a plain rclpy node to a status record; malformed records are logged and dropped."""
 
     def on_message(message: Any) -> None:
         try:
