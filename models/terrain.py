@@ -48,7 +48,7 @@ class Terrain:
     patch: Positive = 0.4  # the level patch extends this far ahead of the origin, and ``width`` behind it [m]
     length: Positive = 12.0  # extent of the ground ahead of the origin [m]
     width: Positive = 3.0  # extent of the ground to each side [m]
-    give: Positive | None = None  # contact time constant, long on soft ground; that of the plant when None [s]
+    give: Positive | None = None  # contact time constant, long on soft ground; plant's default when None [s]
     seed: Annotated[int, Field(ge=0)] = 0  # seed of the random heights
     obstacle: Box | None = None  # optional
 

@@ -36,7 +36,7 @@ def rotate_transposed(rotation: Array, x: Array, out: Array) -> None:
 
 @njit(cache=True)
 def turn_noise(rotation: Array, noise: Array, out: Array) -> None:
-    """Covariance (6, 6) ``D noise D'``, D = diag(R, R): rotates that of two vectors by R = ``rotation`` (3, 3)."""
+    """Covariance (6, 6) ``D noise D'``, D = diag(R, R), of two vectors (linear, angular) rotated by R (3, 3)."""
     half = np.empty((3, 6))
     for a in range(0, 6, 3):
         for i in range(3):
