@@ -1,1 +1,1 @@
-"""Laws that look ahead: motions, whole-body inverse kinematics, footsteps."""
+"""Planners: motions, whole-body inverse kinematics, footsteps, terrain."""

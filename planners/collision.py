@@ -64,7 +64,7 @@ class SelfCollision:
         return len(self._pairs)
 
     def names(self, pair: int) -> tuple[str, str]:
-        """Links that a pair belongs to."""
+        """Names of the links of a pair."""
         first, second = self._pairs[pair]
         return self._names[first], self._names[second]
 
@@ -73,12 +73,12 @@ class SelfCollision:
         return int(self._pairs[pair][0]), int(self._pairs[pair][1])
 
     def distances(self, q: Vector, reach: float) -> Vector:
-        """Distance of each pair at q (nq,) [m], negative when overlapping, infinite farther apart than ``reach``."""
+        """Distance of each pair at q (nq,) [m]: negative if overlapping, infinite beyond ``reach`` or if ignored."""
         pin.forwardKinematics(self._model, self._joint_data, q)
         pin.updateGeometryPlacements(self._model, self._joint_data, self.geometry, self._data)
         centres = np.array(
             [pose.act(centre) for pose, centre in zip(self._data.oMg, self._centres, strict=True)]
-        ).reshape(-1, 3)  # (n, 3), also of a robot without bodies
+        ).reshape(-1, 3)  # (n, 3), also for a robot without bodies
         first, second = self._pairs.T
         gaps = np.linalg.norm(centres[first] - centres[second], axis=1) - self._radii[first] - self._radii[second]
         result = np.full(len(self._pairs), np.inf)

@@ -1,4 +1,4 @@
-"""Goals of a motion: key poses and targets of a caller, in base_footprint; and the stance on planted soles."""
+"""Goals of a motion in base_footprint (key poses, targets of a caller), and the stance on planted soles."""
 
 from dataclasses import dataclass, field
 
@@ -15,12 +15,12 @@ from models.types import Matrix, Vector
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """A configuration on planted soles; everything is expressed in base_footprint, the mid-point of the soles."""
+    """Configuration on planted soles, expressed in base_footprint, midway between the soles."""
 
     q: Vector  # base position, base quaternion xyzw, joints (nq,) [m, rad]
     soles: tuple[pin.SE3, pin.SE3]  # left and right
     polygon: Matrix  # corners of the support polygon, counter-clockwise (n, 2) [m]
-    edges: Matrix  # rows (n_x, n_y, c) with n . p + c = minus the distance of p to the edge (n, 3) [m]
+    edges: Matrix  # rows (n_x, n_y, c); -(n . p + c) is the distance of p from the edge (n, 3) [m]
     com: Vector  # (3,) [m]
 
     def margin(self, point: Vector) -> float:
@@ -29,7 +29,7 @@ class Stance:
 
 
 def plant(model: RobotModel, data: pin.Data, joints: Vector) -> tuple[Vector, tuple[pin.SE3, pin.SE3]]:
-    """Configuration (nq,) as of ``RobotModel.planted``, and the poses of both soles; ``data`` has its frames."""
+    """Configuration (nq,) of ``RobotModel.planted`` and the poses of both soles; updates the frames of ``data``."""
     q = model.planted(joints, data)
     pin.framesForwardKinematics(model.pin, data, q)
     left, right = (data.oMf[foot.frame_id].copy() for foot in model.feet)
@@ -37,7 +37,7 @@ def plant(model: RobotModel, data: pin.Data, joints: Vector) -> tuple[Vector, tu
 
 
 def stand_on(model: RobotModel, data: pin.Data, joints: Vector) -> Stance:
-    """The stance of joints (nj,) with both soles planted; its polygon is that of the contact rectangles."""
+    """Stance of joint positions (nj,) [rad] on both soles; the polygon is the convex hull of the contact rectangles."""
     q, soles = plant(model, data, joints)
     corners = np.vstack(
         [sole.act(corner)[:2] for sole, foot in zip(soles, model.feet, strict=True) for corner in foot.corners]
@@ -57,7 +57,7 @@ class FrameGoal:
 
     frame: str
     position: Vector | None  # of its origin (3,) [m]; None when free
-    axes: str  # axes of base_footprint along which ``position`` counts, such as 'xyz' or 'z'
+    axes: str  # axes of base_footprint along which ``position`` is a target, such as 'xyz' or 'z'
     rotation: Matrix | None  # (3, 3); None when free
 
 
@@ -68,14 +68,14 @@ class PoseGoal:
     name: str  # in error messages
     frames: tuple[FrameGoal, ...]
     posture: Vector  # preferred joint positions (nj,) [rad]
-    com: Vector  # preferred place of the CoM in base_footprint (2,) [m]
-    base: pin.SE3  # preferred pose of base_link; of its position only the height counts
+    com: Vector  # preferred position of the CoM in base_footprint (2,) [m]
+    base: pin.SE3  # preferred pose of base_link; only the height of its position is used
     torso: Matrix  # preferred orientation (3, 3)
-    joints: dict[int, float] = field(default_factory=dict)  # index in a joint vector to target position [rad]
+    joints: dict[int, float] = field(default_factory=dict)  # target positions by index in a joint vector [rad]
 
 
 def vector(values: ArrayLike, size: int, name: str) -> Vector:
-    """A caller's vector, checked; raises ``CommandError`` with its name."""
+    """Validate a vector given by a caller; ``CommandError`` contains its ``name``."""
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -88,7 +88,7 @@ def vector(values: ArrayLike, size: int, name: str) -> Vector:
 
 
 def rotation(values: ArrayLike, name: str) -> Matrix:
-    """Rotation of a quaternion xyzw; raises ``CommandError`` unless it has length 1 (to 1 %)."""
+    """Rotation matrix (3, 3) of a quaternion xyzw; ``CommandError`` unless its length is 1 within 1 %."""
     quaternion = vector(values, 4, name)
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1.0) > 0.01:
@@ -96,14 +96,14 @@ def rotation(values: ArrayLike, name: str) -> Matrix:
     return np.array(pin.Quaternion(quaternion / length).toRotationMatrix())
 
 
-#: Everyday names of frames that a motion may move
+#: Aliases of frames that a motion may move
 NICKNAMES = {"left_hand": "l_wrist", "right_hand": "r_wrist", "head": "gaze"}
-#: Frames beside those of the robot: the estimator's world, and REP-120's between the soles
+#: Frames in addition to those of the robot: world frame of the estimator, and REP-120 frame between the soles
 ODOM, FOOTPRINT = "odom", "base_footprint"
 
 
 def frame_named(name: str) -> str:
-    """Frame that a motion may move, by its name or nickname; ``CommandError`` lists the known ones."""
+    """Frame that a motion may move, by its name or alias; ``CommandError`` lists the valid names."""
     frame = NICKNAMES.get(name, name)
     if frame not in TARGET_FRAMES:
         known = ", ".join((*NICKNAMES, *TARGET_FRAMES))
@@ -112,7 +112,7 @@ def frame_named(name: str) -> str:
 
 
 def tilt_of(q: Vector) -> float:
-    """Angle of the base from upright, of a configuration (nq,) [rad]."""
+    """Tilt of the base from upright in a configuration (nq,) [rad]."""
     return float(np.arccos(np.clip(1.0 - 2.0 * (q[3] ** 2 + q[4] ** 2), -1.0, 1.0)))
 
 
@@ -124,12 +124,12 @@ def planted_target(
     orientation: ArrayLike,
     base: Vector | None,
 ) -> pin.SE3:
-    """A pose as ``MotionPlanner.plan_pose`` takes it: in the frame midway between the soles.
+    """Target pose for ``MotionPlanner.plan_pose``, in the frame midway between the soles.
 
-    T_SX = T_SB T_FB^-1 T_FX for a target X given in F (``frame_id``: odom, base_footprint, or a REP-120 frame), B the
-    base and S midway between the soles of joints (nj,) [rad] (``stance.plant``). ``base`` is position and quaternion
-    xyzw of the base in odom (7,); None without odometry. Raises ``CommandError`` for an unknown frame or pose, or a
-    malformed value.
+    T_SX = T_SB T_FB^-1 T_FX for a target X given in F (``frame_id``: odom, base_footprint, or a REP-120 frame). B is
+    the base, S the frame midway between the soles at joint positions (nj,) [rad] (``plant``). ``base`` is position and
+    quaternion xyzw of the base in odom (7,), None without odometry. Raises ``CommandError`` for an unknown frame, an
+    unknown pose of the base or a malformed value.
     """
     target = pin.SE3(rotation(orientation, "target.pose.orientation"), vector(position, 3, "target.pose.position"))
     data = model.data()

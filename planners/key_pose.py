@@ -1,4 +1,4 @@
-"""One key pose: bounds of a start, the configuration that reaches the pose, or the reason why none does."""
+"""Key poses: bounds of a motion, and the configuration that reaches a key pose or the reason of the failure."""
 
 import math
 
@@ -13,12 +13,12 @@ from planners.goals import FrameGoal, PoseGoal, Stance, tilt_of
 from planners.motion_config import MotionConfig
 from planners.whole_body_ik import Bounds, WholeBodyIk, chain
 
-_TOUCH = 1e-3  #: A bound counts as what stops a target when it is closer than this [m, rad]; for messages only
-_LISTED = 3  #: Pairs of bodies that a message lists
+_TOUCH = 1e-3  #: Tolerance of body distances, and distance below which messages list a bound as active [m, rad]
+_LISTED = 3  #: Largest number of body pairs in a message
 
 
 class KeyPoseSolver:
-    """Solves key poses and refuses them with a reason."""
+    """Solves key poses; ``UnreachableError`` names the reason of a failure."""
 
     def __init__(self, model: RobotModel, config: MotionConfig, collision: SelfCollision, ik: WholeBodyIk) -> None:
         self._model = model
@@ -29,7 +29,7 @@ class KeyPoseSolver:
         self._legs = sorted(i - 6 for foot in model.feet for i in foot.joint_ids_v)
 
     def clipped(self, joints: Vector) -> Vector:
-        """The start posture inside the joint limits; UnreachableError beyond ``limits.start_overrun``."""
+        """Start posture clipped to the joint limits; ``UnreachableError`` beyond ``limits.start_overrun``."""
         inside = np.clip(joints, self._model.q_lower, self._model.q_upper)
         overrun = np.abs(joints - inside)
         worst = int(overrun.argmax())
@@ -41,7 +41,7 @@ class KeyPoseSolver:
         return inside
 
     def unplanted(self, stance: Stance) -> str:
-        """Why the soles are not on one plane; empty when they are."""
+        """Reason why the soles are not on one plane; empty if they are."""
         balance = self._config.balance
         for sole, foot in zip(stance.soles, self._model.feet, strict=True):
             tilt, step = math.acos(min(float(sole.rotation[2, 2]), 1.0)), abs(float(sole.translation[2]))
@@ -54,15 +54,15 @@ class KeyPoseSolver:
         return ""
 
     def gaps(self, q: Vector) -> Vector:
-        """Least distance of each pair of bodies in a motion that starts at a configuration (nq,) [m]."""
+        """Least allowed distance of each pair of bodies in a motion from a start configuration (nq,) [m]."""
         collision = self._config.collision
         return np.minimum(collision.margin, self._collision.distances(q, collision.trigger))
 
     def bounds(self, stance: Stance, *safe: Vector) -> Bounds:
-        """Bounds of a motion that starts on ``stance``; ``safe`` joint positions (nj,) [rad] may lie inside the margin.
+        """Bounds of a motion that starts on ``stance``, widened to include the ``safe`` joint positions (nj,) [rad].
 
-        Where the start is already inside a margin, the margin is reduced to its distance, so that the robot can leave.
-        Raises ``UnreachableError`` when the soles are not on one plane, or the CoM not above the support polygon.
+        A margin that the start violates is reduced to the distance at the start. Raises ``UnreachableError`` if the
+        soles are not on one plane, or the CoM is less than ``com_margin_start`` inside the support polygon.
         """
         balance, limits = self._config.balance, self._config.limits
         if reason := self.unplanted(stance):
@@ -83,7 +83,7 @@ class KeyPoseSolver:
         )
 
     def solve(self, goal: PoseGoal, seed: Vector, stance: Stance, bounds: Bounds) -> Vector:
-        """Configuration (nq,) of a key pose from the one before; ``UnreachableError`` names what stops it."""
+        """Configuration (nq,) of a key pose, solved from ``seed`` (nq,); ``UnreachableError`` names the cause."""
         q = self._settle(goal, seed, bounds)
         missed = self._missed(goal, q)
         if missed:
@@ -94,7 +94,7 @@ class KeyPoseSolver:
         return q
 
     def _settle(self, goal: PoseGoal, seed: Vector, bounds: Bounds) -> Vector:
-        """Solve, and solve again while bodies come too close or, with the habits relaxed, while targets are missed."""
+        """Solve; repeat with more pairs while bodies come too close, and with relaxed habits if a target is missed."""
         avoided: set[int] = set()
         habits = 1.0
         q = seed
@@ -116,13 +116,13 @@ class KeyPoseSolver:
         return q
 
     def _near(self, q: Vector, bounds: Bounds) -> set[int]:
-        """Pairs that the solver can keep apart and that are less than twice the trigger apart."""
+        """Pairs less than twice the trigger apart, without those that start inside the margin."""
         reach = 2.0 * self._config.collision.trigger
         near = (self._collision.distances(q, reach) < reach) & (bounds.gaps >= self._config.collision.margin)
         return {int(k) for k in np.flatnonzero(near)}
 
     def _too_close(self, q: Vector, bounds: Bounds) -> np.ndarray:
-        """Pairs closer than they may be, less the touch tolerance (k,)."""
+        """Pairs closer than ``bounds.gaps`` by more than ``_TOUCH`` (k,)."""
         return np.flatnonzero(self._collision.distances(q, self._config.collision.trigger) < bounds.gaps - _TOUCH)
 
     def _missed(self, goal: PoseGoal, q: Vector) -> list[str]:
@@ -142,7 +142,7 @@ class KeyPoseSolver:
         return missed
 
     def _stops(self, goal: PoseGoal, q: Vector, stance: Stance, bounds: Bounds) -> str:
-        """Active bounds that may keep a configuration from its targets."""
+        """Active bounds that may prevent a configuration from reaching its targets."""
         reasons: list[str] = []
         moving = set(self._legs)
         for frame in goal.frames:
@@ -171,7 +171,7 @@ class KeyPoseSolver:
 
 
 def _errors(goal: FrameGoal, place: pin.SE3) -> tuple[float, float]:
-    """Remaining position [m] and orientation [rad] error of a frame; zero where the goal leaves it free."""
+    """Position [m] and orientation [rad] error of a frame; zero for a part that the goal leaves free."""
     gap = turn = 0.0
     if goal.position is not None:
         rows = ["xyz".index(axis) for axis in goal.axes]

@@ -1,4 +1,4 @@
-"""Motions as data: the schema of ``planners/motions/*.yaml``, and the files that are read."""
+"""Motion files: the schema of ``planners/motions/*.yaml``, loading and validation."""
 
 from collections.abc import Container, Iterable
 from dataclasses import field, replace
@@ -15,7 +15,7 @@ from models.robot_model import RobotModel
 from models.types import Vector3
 from planners.goals import TARGET_FRAMES
 
-START = "start"  #: Name of the posture that a motion starts from, beside the postures of the robot's profile
+START = "start"  #: Posture name of the start of a motion, in addition to the postures of the robot's profile
 JointValues = dict[str, dict[str, float]]
 
 
@@ -24,12 +24,12 @@ class FrameTarget:
     """Target of one frame in a key pose."""
 
     offset: Vector3 | None = None  #: position relative to `anchor`, along base_footprint's axes [unit]
-    anchor: str | None = None  #: frame whose place in 'stand' the offset starts from; default: this frame
-    #: length of one offset: metre, height of base_link or height of gaze in 'stand'
+    anchor: str | None = None  #: frame whose position in 'stand' is the origin of the offset; default: this frame
+    #: unit of the offset: metre, height of base_link in 'stand' or height of gaze in 'stand'
     unit: Literal["m", "leg", "stature"] = "m"
-    axes: Annotated[str, Field(pattern="^(x?y?z?)$", min_length=1)] = "xyz"  #: axes that count
-    rpy: Vector3 | None = None  #: roll, pitch, yaw about base_footprint's axes, from the orientation in 'stand' [rad]
-    settable: bool = False  #: whether a caller may give another position
+    axes: Annotated[str, Field(pattern="^(x?y?z?)$", min_length=1)] = "xyz"  #: axes along which the offset is a target
+    rpy: Vector3 | None = None  #: roll, pitch, yaw about base_footprint's axes, relative to 'stand' [rad]
+    settable: bool = False  #: whether a caller may override the position
 
     def __post_init__(self) -> None:
         if self.offset is None and self.rpy is None:
@@ -40,38 +40,38 @@ class FrameTarget:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class KeyPose:
-    """One pose on the way."""
+    """One key pose of a motion."""
 
     name: Annotated[str, Field(min_length=1)]  #: name in messages
-    duration: Annotated[float, Field(gt=0.0, le=60.0)]  #: time to get there; more if the joints need it [s]
-    hold: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0  #: time to stay there [s]
-    posture: str = "stand"  #: named posture that free joints tend to, or 'start'
+    duration: Annotated[float, Field(gt=0.0, le=60.0)]  #: duration of the motion to it; longer if joints need it [s]
+    hold: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0  #: time at rest in it [s]
+    posture: str = "stand"  #: preferred posture of free joints: a named one, or 'start'
     frames: dict[str, FrameTarget] = field(default_factory=dict)  #: targets by frame
     joints: Annotated[JointValues, Field(description="joint targets by robot and joint [rad]")] = field(
         default_factory=dict
     )
-    prefer: JointValues = field(default_factory=dict)  #: replaces the posture of joints, by robot and joint [rad]
+    prefer: JointValues = field(default_factory=dict)  #: joint values that override `posture`, by robot and joint [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Motion:
-    """A motion: key poses in order. It ends at rest in the last one."""
+    """Sequence of key poses; the motion ends at rest in the last one."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]  #: name in commands
-    description: Annotated[str, Field(min_length=1)]  #: one line
+    description: Annotated[str, Field(min_length=1)]  #: one-line description
     key_poses: Annotated[tuple[KeyPose, ...], Field(min_length=1)]  #: in order
 
     @property
     def settable_frames(self) -> tuple[str, ...]:
-        """Frames whose position a caller may give, sorted."""
+        """Frames whose position a caller may override, sorted."""
         return tuple(sorted({name for pose in self.key_poses for name, t in pose.frames.items() if t.settable}))
 
 
-SIDES = {"l_wrist": "r_wrist", "r_wrist": "l_wrist"}  #: Frames with a mirror image, and that
+SIDES = {"l_wrist": "r_wrist", "r_wrist": "l_wrist"}  #: Mirror image of each frame that has one
 
 
 def mirrored(motion: Motion) -> Motion:
-    """The mirror image of a motion at the robot's middle plane; joint values, which are of one robot, stay."""
+    """Motion mirrored at the robot's sagittal plane; joint values are specific to one robot and stay unchanged."""
     poses = [
         replace(pose, frames={SIDES.get(frame, frame): _mirrored(target) for frame, target in pose.frames.items()})
         for pose in motion.key_poses
@@ -90,7 +90,7 @@ def _mirrored(target: FrameTarget) -> FrameTarget:
 
 
 def load_library(model: RobotModel, extra: Iterable[str | Path] = ()) -> dict[str, Motion]:
-    """The packaged and the user's motions by name; ``extra`` are files. ``ConfigError`` names file and key."""
+    """Packaged motions and those of the files ``extra``, by name. ``ConfigError`` names file and key."""
     packaged = Path(str(files("planners"))) / "motions"
     library: dict[str, Motion] = {}
     for path in [*sorted(packaged.glob("*.yaml")), *(Path(entry) for entry in extra)]:
@@ -102,7 +102,7 @@ def load_library(model: RobotModel, extra: Iterable[str | Path] = ()) -> dict[st
 
 
 def motion_files(folder: Path) -> tuple[Path, ...]:
-    """Motion files in a folder, by name; ConfigError when there are none."""
+    """Motion files (*.yaml) in a folder, sorted; ``ConfigError`` if there are none."""
     found = tuple(sorted(folder.glob("*.yaml")))
     if not found:
         raise ConfigError(f"{folder}: no motion files (*.yaml) there")
@@ -146,6 +146,6 @@ def calibration_motions() -> tuple[Path, ...]:
 
 
 def variant(motion: str, robot: str, names: Container[str]) -> str:
-    """The robot-specific version of a motion, ``<motion>_<robot>``, if it is among the names."""
+    """Robot-specific version of a motion, ``<motion>_<robot>``, if ``names`` contains it; otherwise the motion."""
     own = f"{motion}_{robot}"
     return own if own in names else motion

@@ -1,4 +1,4 @@
-"""Motion planning: key poses in, a joint trajectory that the robot can execute on both feet out."""
+"""Motion planning: joint trajectories through key poses, on both feet."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -23,10 +23,10 @@ from planners.library import SIDES, START, FrameTarget, KeyPose, Motion, load_li
 from planners.motion_config import MotionConfig
 from planners.whole_body_ik import Bounds, WholeBodyIk, arms, chain
 
-STAND = "stand"  #: Motion that also starts where the soles are not on one plane
-_PITCH = 0.5  #: Share of an axis across the robot from which a joint of the waist pitches the torso [-]
-_ROUNDING = 1e-6  #: Slack of the joint limits [rad]
-_SLACK = 1e-3  #: Slack of the CoM's margin, which the solver keeps at key poses only [m]
+STAND = "stand"  #: Motion that may start with soles that are not on one plane
+_PITCH = 0.5  #: Least lateral component of the axis of a waist joint that pitches the torso [-]
+_ROUNDING = 1e-6  #: Tolerance of the joint limits and the base tilt [rad]
+_SLACK = 1e-3  #: Tolerance of the CoM margin; the solver iterates to convergence at key poses only [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class JointCurve:
 
 
 def smooth_curve(q: Matrix, rate: float, v_max: Vector, a_max: float) -> tuple[JointCurve, float]:
-    """C2 curve through points (n, nj) at a rate [Hz], slowed as a whole to keep the limits, and that factor."""
+    """C2 curve through points (n, nj) at a rate [Hz], slowed as a whole to keep the limits, and the slowdown factor."""
     times = np.arange(len(q)) / rate
     spline = CubicSpline(times, q, bc_type="clamped")
     v, a = spline(times, 1), spline(times, 2)
@@ -57,7 +57,7 @@ def check_path(
     bounds: Bounds,
     curve: JointCurve,
 ) -> None:
-    """``UnreachableError`` naming joint, sole or bodies and time, for a motion that violates a bound anywhere."""
+    """Check a motion against all bounds; ``UnreachableError`` names the time and the violated bound."""
     names = model.joint_names
     outside = np.maximum(bounds.lower - curve.q, curve.q - bounds.upper)  # (n, nj)
     if outside.max() > _ROUNDING:
@@ -101,7 +101,7 @@ def check_path(
 
 
 def check_distances(config: MotionConfig, collision: SelfCollision, gaps: Vector, time: float, q: Vector) -> None:
-    """``UnreachableError`` for bodies closer than ``gaps`` [m] in a configuration (nq,) at a time [s]."""
+    """``UnreachableError`` if bodies are closer than ``gaps`` less ``path_slack`` [m] at ``q`` (nq,), ``time`` [s]."""
     if not collision.count:
         return
     distances = collision.distances(q, config.collision.margin)
@@ -114,8 +114,8 @@ def check_distances(config: MotionConfig, collision: SelfCollision, gaps: Vector
         )
 
 
-#: Digits kept of planned positions [rad]: placo sums its tasks in the order of their addresses in memory, which changes
-#: the last bits of a solution (5e-15 rad measured); rounded, the same request gives the same bits everywhere
+#: Decimals of planned positions [rad]. placo sums its tasks in the order of their memory addresses, which changes the
+#: last bits of a solution (5e-15 rad measured). After rounding, equal requests give equal bits.
 _DECIMALS = 9
 
 
@@ -123,11 +123,11 @@ class SizedMotion(NamedTuple):
     """A planned motion."""
 
     trajectory: JointTrajectory
-    size: float  #: Share of the motion's offsets and angles that the robot can play [-]
+    size: float  #: Share of the motion's offsets and angles that is planned [-]
 
     @property
     def reduced(self) -> str:
-        """How the motion is reduced, for people; empty where it is not."""
+        """Text that describes the reduction; empty for a motion of full size."""
         return (
             ""
             if self.size == 1.0
@@ -138,20 +138,20 @@ class SizedMotion(NamedTuple):
 class MotionPlanner:
     """Plans motions on planted soles; deterministic, no clock, no I/O after construction.
 
-    1. Each key pose is solved by whole-body inverse kinematics (``planners/whole_body_ik.py``), from the one before.
-    2. Between key poses, base height and orientation, CoM and the joints outside the legs blend by minimum jerk; the
-       same inverse kinematics finds the legs at every sample, so the soles stay planted.
-    3. A cubic spline through the samples gives the velocities; the result is checked against every bound once more.
+    1. Whole-body inverse kinematics (``planners/whole_body_ik.py``) solves each key pose, starting from the last one.
+    2. Between key poses, base height and orientation, CoM and the joints outside the legs follow a minimum-jerk
+       profile. The same inverse kinematics solves for the legs at every sample, so the soles stay planted.
+    3. A cubic spline through the samples gives the velocities. The result is checked against every bound.
 
-    Motion files are written for the reach of a human's limbs. Where the robot's do not reach that far, all offsets and
-    angles of the motion are reduced by one factor (``size`` in ``motion.yaml``); a motion of the right hand is mirrored
-    for a robot that has a left arm only. Targets of a caller are not changed.
+    Motion files are written for the reach of human limbs. If the robot cannot reach that far, all offsets and angles
+    of the motion are reduced by one factor (``size`` in ``motion.yaml``). A motion of the right hand is mirrored for a
+    robot that has only a left arm, and vice versa. Targets of a caller are not changed.
 
-    A start whose soles are not on one plane, as after a trajectory of one leg's joints, is refused, except for the
-    motion ``stand``: it goes straight in joint space, and of the bounds those of joints and distances count.
+    A start with soles that are not on one plane, for example after a trajectory of one leg, is refused. The motion
+    ``stand`` is an exception: its path is straight in joint space, and only joint limits and distances bound it.
 
-    ``config`` is the packaged one when None; ``extra`` are motion files beside the packaged ones. Raises
-    ``ConfigError`` for a refused file, ``RobotModelError`` when the URDF's collision meshes cannot be loaded.
+    ``config`` is the packaged one when None; ``extra`` are additional motion files. Raises ``ConfigError`` for an
+    invalid file, ``RobotModelError`` if the URDF's collision meshes cannot be loaded.
     """
 
     def __init__(
@@ -185,22 +185,22 @@ class MotionPlanner:
         return tuple(self._library)
 
     def describe(self, name: str) -> str:
-        """One line about a motion; raises ``CommandError`` when there is none of that name."""
+        """One-line description of a motion; ``CommandError`` for an unknown name."""
         return self._motion(name).description
 
     def plan(self, name: str, start_q: ArrayLike, *, targets: Mapping[str, ArrayLike] | None = None) -> JointTrajectory:
-        """Plan a motion of the library, one of ``names``, from joint positions ``start_q`` (nj,) [rad] at rest to rest.
+        """Plan a motion of the library, one of ``names``, from rest at joint positions ``start_q`` (nj,) [rad] to rest.
 
-        ``targets`` are positions in base_footprint (3,) [m] of frames that the motion marks as settable. Raises
-        ``CommandError`` for an unknown motion or frame or a malformed value, ``UnreachableError`` where a key pose or
-        the way to it violates a bound, or without an arm that moves; the messages name it.
+        ``targets`` are positions (3,) [m] in base_footprint, by frame that the motion marks as settable. Raises
+        ``CommandError`` for an unknown motion or frame or a malformed value. Raises ``UnreachableError``, which names
+        the cause, if a key pose or the path to it violates a bound, or if the robot has no arm for the motion.
         """
         return self.plan_sized(name, start_q, targets=targets).trajectory
 
     def plan_sized(
         self, name: str, start_q: ArrayLike, *, targets: Mapping[str, ArrayLike] | None = None
     ) -> SizedMotion:
-        """As ``plan``, with the size of the motion."""
+        """Like ``plan``, and returns the size of the motion."""
         motion = self._motion(name)
         given = self._settable(motion, targets or {})
         self._refuse_without_arm(motion)
@@ -231,8 +231,8 @@ class MotionPlanner:
         """Plan a motion that brings one frame to a pose and stays there; result and errors as for ``plan``.
 
         ``frame`` is base_link, torso, gaze, l_wrist or r_wrist. ``position`` (3,) [m] and ``orientation`` (quaternion
-        xyzw) are in base_footprint, the mid-point of the soles, None where free. The motion takes ``duration`` [s],
-        more when the joints need it; when None as short as the limits allow, not below ``pose.min_duration``.
+        xyzw) are in base_footprint, midway between the soles; None leaves one free. The motion takes ``duration`` [s],
+        or longer if the joints need it. None: as short as the limits allow, but at least ``pose.min_duration``.
         """
         if frame not in TARGET_FRAMES:
             raise CommandError(f"frame '{frame}' cannot be moved; these can: {', '.join(TARGET_FRAMES)}")
@@ -257,7 +257,7 @@ class MotionPlanner:
         return self._trajectory([goal], [(duration or self._config.pose.min_duration, 0.0)], stance, bounds)
 
     def _for_arms(self, motion: Motion) -> Motion:
-        """A motion, or its mirror image where only that moves an arm that the robot has."""
+        """The motion, or its mirror image if the robot has the arms for the mirror image only."""
         hands = {frame for pose in motion.key_poses for frame in pose.frames} & set(SIDES)
         mirror = not hands <= self._arms and {SIDES[frame] for frame in hands} <= self._arms
         return mirrored(motion) if mirror else motion
@@ -286,7 +286,7 @@ class MotionPlanner:
         return stand_on(self._model, self._data, self._keys.clipped(joints))
 
     def _straighten(self, stance: Stance, duration: float) -> JointTrajectory:
-        """The straight way in joint space to 'stand' within ``duration`` [s], longer where the joints need it."""
+        """Straight path in joint space to 'stand' in ``duration`` [s], or longer if the joints need it."""
         limits, rate, start = self._config.limits, self._config.sample_rate, stance.q[7:]
         gaps = self._keys.gaps(stance.q)
         change = self._nominal.q[7:] - start

@@ -3,13 +3,13 @@
 Each step solves, for the displacement dq of base and joints,
 
     min  sum_i w_i || J_i dq - e_i ||^2 + w_d || dq ||^2
-    s.t. J_sole dq = e_sole                  both soles stay where they are            (12 rows)
+    s.t. J_sole dq = e_sole                  both soles stay planted                   (12 rows)
          q_lower + m <= q + dq <= q_upper - m  joint limits with a margin              (nj rows)
          | dq | <= step                      trust region of the linearisation         (nj rows)
-         A (c + J_c dq) <= b - m_c           CoM above the shrunken support polygon    (one row an edge)
-         d_k + n_k^T (J_kB - J_kA) dq >= m_d bodies of the robot that come close       (one row a pair)
+         A (c + J_c dq) <= b - m_c           CoM above the shrunken support polygon    (one row per edge)
+         d_k + n_k^T (J_kB - J_kA) dq >= m_d distance of bodies that come close        (one row per pair)
 
-and applies it until nothing moves. e_i is the error of task i and w_i its weight (``planners/config/motion.yaml``).
+and applies it until convergence. e_i is the error of task i and w_i its weight (``planners/config/motion.yaml``).
 
 References:
     O. Kanoun, F. Lamiraux, P.-B. Wieber, "Kinematic control of redundant manipulators: generalizing the task-priority
@@ -34,8 +34,8 @@ from planners.motion_config import MotionConfig
 
 _ALL_AXES = "xyz"
 
-PREFIX = "motion/"  #: Put before REP-120 names in placo's model, where a link of the URDF may already have that name
-_AGREEMENT = 1e-9  #: Largest difference between both models' frames and CoM [m]: rounding of printed numbers only
+PREFIX = "motion/"  #: Prefix of REP-120 names in placo's model; a link of the URDF may already have such a name
+_AGREEMENT = 1e-9  #: Largest difference of frames and CoM between both models, for rounding of printed numbers [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Bounds:
     lower: Vector  # joint limits, margins included (nj,) [rad]
     upper: Vector
     com_margin: float  # distance of the CoM from the edge of the support polygon [m]
-    base_tilt: float  # of the base from upright [rad]
+    base_tilt: float  # largest tilt of the base from upright [rad]
     gaps: Vector  # least distance of each pair of bodies (pairs,) [m]
 
 
@@ -56,15 +56,15 @@ def chain(model: RobotModel, frame: str) -> frozenset[int]:
 
 
 def arms(model: RobotModel) -> frozenset[str]:
-    """The hands that a joint moves against the torso: ``l_wrist``, ``r_wrist``, both or none."""
+    """Hands that a joint moves relative to the torso: ``l_wrist``, ``r_wrist``, both or none."""
     return frozenset(hand for hand in ("l_wrist", "r_wrist") if chain(model, hand) - chain(model, "torso"))
 
 
 class WholeBodyIk:
-    """Key poses and the configurations between them.
+    """Solves for key poses and for the configurations between them.
 
-    Tasks are created once and switched by their weights: placo sums tasks in the order of their addresses, so that
-    creating them anew for each problem would make results differ in their last bits.
+    Tasks are created once and switched by their weights. placo sums tasks in the order of their addresses, so new
+    tasks for each problem would change the last bits of the results.
     """
 
     def __init__(self, model: RobotModel, config: MotionConfig, collision: SelfCollision) -> None:
@@ -80,7 +80,7 @@ class WholeBodyIk:
         self._soles = [self._frame_task(name, "hard") for name in SOLE_FRAMES]
         self._turns: dict[int, placo.OrientationTask] = {}
         for i, (foot, sole) in enumerate(zip(model.feet, self._soles, strict=True)):
-            if any(foot.free):  # these turns follow from the rest: hard rows more would contradict the others
+            if any(foot.free):  # the other rows determine these rotations: more hard rows would conflict
                 axes = dict(zip("xyz", foot.free, strict=True))
                 sole.orientation().mask.set_axises("".join(axis for axis in axes if not axes[axis]), "local")
                 self._turns[i] = task = solver.add_orientation_task(PREFIX + SOLE_FRAMES[i], np.eye(3))
@@ -108,7 +108,7 @@ class WholeBodyIk:
         return task
 
     def stand(self, stance: Stance, bounds: Bounds) -> None:
-        """Plant the soles and set the bounds of every problem to come."""
+        """Plant the soles and set the bounds of all following problems."""
         for task, sole in zip(self._soles, stance.soles, strict=True):
             task.T_world_frame = sole.homogeneous
         for i, turn in self._turns.items():
@@ -119,13 +119,13 @@ class WholeBodyIk:
             self._robot.set_joint_limits(name, float(bounds.lower[i]), float(bounds.upper[i]))
 
     def reach(self, goal: PoseGoal, seed: Vector, avoid: list[int], habits: float = 1.0) -> Vector | None:
-        """Configuration (nq,) that comes closest to a key pose; None when placo's QP has no solution.
+        """Configuration (nq,) closest to a key pose; None if placo's QP has no solution.
 
         Args:
             goal: The key pose.
             seed: Configuration to start from (nq,) [m, rad].
             avoid: Pairs of ``SelfCollision`` to keep apart.
-            habits: Factor on the weights beside the targets of the key pose: CoM, base, torso and posture.
+            habits: Factor on the weights other than those of the targets: CoM, base, torso and posture.
         """
         weights = self._config.weights
         named = {frame.frame: frame for frame in goal.frames}
@@ -159,16 +159,16 @@ class WholeBodyIk:
         return self._iterate(seed, avoid, self._config.solver.iterations_max)
 
     def follow(self, joints: Vector, base: pin.SE3, com: Vector, seed: Vector) -> Vector | None:
-        """Configuration (nq,) between two key poses: solves for the legs; all else is given. None without a solution.
+        """Configuration (nq,) between two key poses, solved for the legs only; None if the QP has no solution.
 
-        Twelve rows of planted soles, three of the base's orientation, one of its height, two of the CoM and one for
-        each joint outside the legs determine a robot with six-joint legs completely; more joints follow ``joints``.
+        Twelve rows of planted soles, three of the base orientation, one of the base height, two of the CoM and one for
+        each joint outside the legs determine a robot with six-joint legs. More leg joints follow ``joints``.
 
         Args:
-            joints: Joint positions; those of the legs are a hint only (nj,) [rad].
-            base: Pose of base_link; of its position only the height counts.
+            joints: Joint positions; those of the legs have a low weight (nj,) [rad].
+            base: Pose of base_link; only the height of its position is used.
             com: CoM in base_footprint (2,) [m].
-            seed: A configuration near by (nq,) [m, rad].
+            seed: Configuration to start from, close to the solution (nq,) [m, rad].
         """
         for name, task in self._frames.items():
             weight = 1.0 if name == "base_link" else 0.0
@@ -198,14 +198,14 @@ class WholeBodyIk:
             geometry.addCollisionPair(pin.CollisionPair(*self._collision.bodies(pair)))
 
     def _iterate(self, seed: Vector, avoid: list[int], most: int) -> Vector | None:
-        """Configuration (nq,) after at most so many steps from a seed that keep pairs of bodies apart, or None."""
+        """Configuration (nq,) after at most ``most`` iterations that keep the pairs ``avoid`` apart, or None."""
         self._set_pairs(avoid)
         self._robot.state.q = seed.copy()
         self._robot.update_kinematics()
         for _ in range(most):
             try:
                 step = self._solver.solve(True)
-            except RuntimeError:  # placo's QPError; its bindings raise it as this
+            except RuntimeError:  # how placo's bindings raise its QPError
                 return None
             self._robot.update_kinematics()
             if np.abs(step).max() < self._config.solver.settled:
@@ -217,7 +217,7 @@ def placo_robot(model: RobotModel) -> placo.RobotWrapper:
     """Robot of placo without collision bodies, in the posture 'stand'; REP-120 frames are named ``PREFIX`` + name.
 
     Raises:
-        RobotModelError: placo does not read the URDF as Pinocchio does.
+        RobotModelError: placo and Pinocchio disagree on the URDF.
     """
     robot = bare_robot(model, {PREFIX + name: model.frame_on_link(name) for name in (*SOLE_FRAMES, *TARGET_FRAMES)})
     torso = model.pin.frames[model.frame_id("torso")].parentJoint
@@ -238,9 +238,9 @@ def placo_robot(model: RobotModel) -> placo.RobotWrapper:
 
 
 def bare_robot(model: RobotModel, frames: Mapping[str, tuple[str, pin.SE3]]) -> placo.RobotWrapper:
-    """Robot of placo without shapes, and with links for ``frames``: by name, the URDF's link and the pose in it.
+    """Robot of placo without shapes, with a link for each of ``frames``: name to parent link and pose in it.
 
-    Raises ``RobotModelError`` when placo orders the joints differently from Pinocchio.
+    Raises ``RobotModelError`` if placo orders the joints differently from Pinocchio.
     """
     root = read_urdf(model.urdf)
     for link in root.findall("link"):
@@ -260,5 +260,5 @@ def bare_robot(model: RobotModel, frames: Mapping[str, tuple[str, pin.SE3]]) -> 
 
 
 def _printed(values: Vector) -> str:
-    """Numbers as a URDF has them, exact to the last bit."""
+    """Numbers as text of a URDF, exact to the last bit."""
     return " ".join(f"{value:.17g}" for value in values)
