@@ -22,13 +22,13 @@ from planners.gait.reference import sole_rotation
 from planners.gait.route import Footstep
 from planners.gait.tread import Tread
 
-_UPRIGHT_MIN = 0.1  #: Least cosine of a foothold's tilt that its slope is computed from [-]
+_UPRIGHT_MIN = 0.1  #: Least cosine of the tilt of a foothold for which a slope is computed [-]
 
 
 def foothold_from_pose(name: str, pose: Any) -> Foothold:
-    """Place and heading of a geometry_msgs/Pose.
+    """Foothold at the position and heading of a geometry_msgs/Pose.
 
-    Raises ``MessageError`` with ``name`` for a value that is not finite or a quaternion not of unit length.
+    Raises ``MessageError`` with ``name`` if a value is not finite or the quaternion is not of unit length.
     """
     position, turn = pose.position, pose.orientation
     for field, part, axes in (("position", position, "xyz"), ("orientation", turn, "xyzw")):
@@ -42,7 +42,7 @@ def foothold_from_pose(name: str, pose: Any) -> Foothold:
 
 
 def slope_from_pose(name: str, pose: Any) -> Point:
-    """Slope of a sole with the orientation of a geometry_msgs/Pose; ``MessageError`` where it does not face upwards."""
+    """Slope of a sole [-] from the orientation of a geometry_msgs/Pose; ``MessageError`` if it does not face upward."""
     turn = pose.orientation
     x, y, z, w = turn.x, turn.y, turn.z, turn.w
     upright = 1.0 - 2.0 * (x * x + y * y)
@@ -52,9 +52,9 @@ def slope_from_pose(name: str, pose: Any) -> Point:
 
 
 def goal_from_message(name: str, message: Any) -> Foothold:
-    """Goal of the middle between the soles, from a PoseStamped in ``odom``; ``MessageError`` for an invalid one.
+    """Goal for the middle between the soles, from a PoseStamped in ``odom``; ``MessageError`` for an invalid one.
 
-    Roll and pitch are ignored: the feet feel the floor.
+    Roll and pitch are ignored: the feet find the floor by contact.
     """
     require_odom(name, message.header.frame_id)
     return foothold_from_pose(name, message.pose)
@@ -69,8 +69,8 @@ def require_odom(name: str, frame_id: str) -> None:
 def steps_from_path(message: Any, soles: Sequence[Foothold]) -> list[Footstep]:
     """Footsteps of a nav_msgs/Path in ``odom``; the frame_id of each pose names the sole: ``l_sole`` or ``r_sole``.
 
-    Poses without a name alternate; the first one is of the foot on whose side of the robot it lies (``soles``: left and
-    right). Heights and tilts count. Raises ``MessageError`` for an unknown frame, or see ``foothold_from_pose``.
+    Poses without a sole alternate; the first one is for the foot on its side of the robot, by ``soles`` (left, right).
+    Heights and tilts are used. Raises ``MessageError`` for an unknown frame, and as ``foothold_from_pose``.
     """
     require_odom("footsteps", message.header.frame_id)
     here = middle(soles)
@@ -91,7 +91,7 @@ def steps_from_path(message: Any, soles: Sequence[Foothold]) -> list[Footstep]:
 
 
 def path_from_steps(stamp: int, steps: Sequence[Footstep], stamps: Sequence[int] | None = None) -> Any:
-    """nav_msgs/Path of footsteps in ``odom``, frame_id the sole; touchdown stamps [ns], the path's when None."""
+    """nav_msgs/Path of footsteps in ``odom``, soles as frame_id; touchdown ``stamps`` [ns] default to the path's."""
     path = Path()
     set_header(path, stamp, topics.ODOM_FRAME)
     for step, t in zip(steps, stamps or [stamp] * len(steps), strict=True):
@@ -109,7 +109,7 @@ def footstep_message(step: Footstep, time: float) -> Any:
 
 
 def pose_message(hold: Foothold, frame_id: str, stamp: int = 0, slope: Point = (0.0, 0.0)) -> Any:
-    """geometry_msgs/PoseStamped of a place on the floor, on a slope [-]."""
+    """geometry_msgs/PoseStamped of a foothold on a slope [-]."""
     message = PoseStamped()
     set_header(message, stamp, frame_id)
     position, orientation = message.pose.position, message.pose.orientation

@@ -1,7 +1,7 @@
-"""The gait in two processes: commands of the gait planner one way, the state of the executed gait the other way.
+"""Messages of a gait in two processes: commands of the gait planner, and the state of the executed gait.
 
-The gait planner decides where to walk; the balance controller executes the gait and adjusts its steps in every tick.
-A message is one record of this module in MessagePack, checked on arrival, in a std_msgs/UInt8MultiArray.
+The gait planner determines where to walk. The balance controller executes the gait and adjusts its steps in every tick.
+A message is a std_msgs/UInt8MultiArray with one record of this module in MessagePack, validated on arrival.
 """
 
 import math
@@ -51,11 +51,11 @@ class TakeSteps(Struct, frozen=True, tag=True):
 
 
 class GaitCommand(Struct, frozen=True):
-    """The newest command; repeated as the planner's sign of life, and carried out once."""
+    """Newest command; repeated as a heartbeat of the planner, and executed once."""
 
-    number: int = 0  # of the command; 0 of a planner that has just started
+    number: int = 0  # of the command; 0 after a start of the planner
     command: Stop | WalkTo | TakeSteps | None = None
-    velocity: Velocity = STILL  # in force at every tick until the next message [m/s, m/s, rad/s]
+    velocity: Velocity = STILL  # applied at every tick until the next message [m/s, m/s, rad/s]
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, self.velocity)):
@@ -63,24 +63,24 @@ class GaitCommand(Struct, frozen=True):
 
 
 class GaitReport(Struct, frozen=True):
-    """The gait after a tick."""
+    """State of the gait after a tick."""
 
     stamp: int  # of the tick [ns]
     config: int  # checksum of the configuration
     number: int | None  # of the last command received; None before the first
-    refusal: str  # why it was not carried out; empty when it was
+    refusal: str  # reason why it was refused; empty if it was accepted
     walking: bool  # the gait follows its commands
     state: GaitState
 
 
 def encode(record: Struct) -> Any:
-    """Message of a record."""
+    """Message with a record."""
     data = msgpack.encode(record, enc_hook=lambda value: value.tolist())
     return UInt8MultiArray(data=array("B", data))
 
 
 def decode(kind: type[T], message: Any) -> T:
-    """Record of a message; ``MessageError`` names a field of another type."""
+    """Record in a message; ``MessageError`` names a field of a wrong type."""
     try:
         return msgpack.decode(bytes(message.data), type=kind, dec_hook=_array)
     except MsgspecError as error:
@@ -94,7 +94,7 @@ def _array(kind: Any, value: Any) -> Any:
 
 
 def declare_gait(node: PoiseNode, prefix: str = "") -> GaitConfig:
-    """Declare the gait of the robot; that of any robot when it cannot be loaded, which ``configure`` reports."""
+    """Declare the gait of the robot, or the default if it cannot be loaded; ``configure`` then reports the error."""
     try:
         default = load_gait_config(node.model)
     except PoiseError:
@@ -103,7 +103,7 @@ def declare_gait(node: PoiseNode, prefix: str = "") -> GaitConfig:
 
 
 def checksum(config: GaitConfig) -> int:
-    """Number that two configurations share when all their values are the same."""
+    """Checksum of a configuration; equal if all values are equal."""
     return zlib.crc32(repr(config).encode())
 
 
@@ -129,10 +129,10 @@ class GaitStage(Protocol):
 
 
 class RemoteGait:
-    """The gait of a balance controller in another process: commands by message, and a copy of its state.
+    """Gait of a balance controller in another process: publishes commands and keeps a copy of the state.
 
-    A command acts on the copy at once, and reports from before the controller received it are ignored. ``on_report`` is
-    called with the stamp of each report [ns], which is then answered with the newest command.
+    A command changes the copy at once; states from before the controller received it are ignored. ``on_report`` is
+    called with the stamp of each report [ns]. The answer to a report is the newest command.
     """
 
     def __init__(self, node: PoiseNode, on_report: Callable[[int], None]) -> None:
@@ -140,7 +140,7 @@ class RemoteGait:
         self.walking = False
 
     def build_gait(self, robot: RobotModel, config: GaitConfig) -> GaitPlanner:
-        """Build the copy and the topics."""
+        """Create the copy, the publisher and the subscriber."""
         self._law, self._config = GaitPlanner(robot, config), checksum(config)
         self._newest, self.walking = GaitCommand(), False
         self._commands = self._node.announce(UInt8MultiArray, topics.GAIT_COMMAND, EVENT)
@@ -148,7 +148,7 @@ class RemoteGait:
         return self._law
 
     def hold_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Have the controller repeat a velocity [m/s, m/s, rad/s], from the next answer on."""
+        """Set the velocity that the controller repeats [m/s, m/s, rad/s]; it is sent with the next answer."""
         self._newest = replace(self._newest, velocity=(forward, left, turn))
 
     def stop(self) -> None:
@@ -167,7 +167,7 @@ class RemoteGait:
         self._send(TakeSteps(tuple(steps), after))
 
     def _send(self, command: Stop | WalkTo | TakeSteps) -> None:
-        """Send a command without the velocity in force, which would end a route."""
+        """Publish a command with zero velocity; the present velocity would end a route."""
         self._newest = GaitCommand(self._newest.number + 1, command)
         self._commands.publish(encode(self._newest))
 

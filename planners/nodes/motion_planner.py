@@ -1,4 +1,4 @@
-"""Node ``motion_planner``: motion names or poses in, joint trajectories out."""
+"""Node ``motion_planner``: plans joint trajectories for motion names and poses."""
 
 import time
 from collections.abc import Callable
@@ -30,18 +30,18 @@ from planners.library import calibration_motions, motion_files, variant
 from planners.motion import MotionPlanner
 from planners.motion_config import MotionConfig
 
-#: Longest wait for the controller's status of a trajectory [s]; none comes for one refused beside a running one
+#: Longest wait for the controller's status of a trajectory [s]; one refused during another one gets no status
 BEGIN_TIMEOUT = 2.0
-LOOK_PERIOD = 0.05  #: Period of checks of that wait [s]
+LOOK_PERIOD = 0.05  #: Period at which that wait is checked [s]
 REST_TIMEOUT = 1.0  #: Longest wait of a requested motion for a posture at rest [s]
-REST_SPEED = 1e-3  #: Largest speed of a joint of a posture at rest [rad/s]
+REST_SPEED = 1e-3  #: Largest joint speed of a posture at rest [rad/s]
 
 
 class MotionService:
-    """Plans with ``MotionPlanner.plan_pose`` from the posture of a robot in mode ``stand``.
+    """Service that plans with ``MotionPlanner.plan_pose`` for a robot in mode ``stand``.
 
-    ``posture`` is the reference posture of the controller (nj,) [rad] and raises ``MessageError`` before the first;
-    ``publish`` publishes on ``motion/joint_trajectory``; ``points_max`` limits the points of each trajectory.
+    ``posture`` returns the reference posture of the controller (nj,) [rad]; ``MessageError`` before the first one.
+    ``publish`` publishes on ``motion/joint_trajectory``. ``points_max`` limits the points of each trajectory.
     """
 
     def __init__(
@@ -105,10 +105,10 @@ class MotionService:
         )
 
     def _seen(self, joints: Vector) -> Vector:
-        """A posture with the measured head angles (nj,) [rad].
+        """Posture with the measured head angles (nj,) [rad].
 
-        Plans start without the offsets of ``head/pan_tilt``; a target in a frame of the head, such as its camera's,
-        needs them.
+        The start of a plan excludes the offsets of ``head/pan_tilt``. A target in a frame of the head, such as a
+        camera, needs them.
         """
         head = self._node.model.profile.head
         if head is None or self._head is None:
@@ -127,7 +127,7 @@ class MotionService:
         self._odom = data
 
     def _on_status(self, status: MotionStatus) -> None:
-        """Result of the controller for the trajectory, which has no request."""
+        """Answer with the controller's result; its status has no request for a trajectory of this service."""
         if status.state is MotionState.RUNNING:
             self._answer("")
         elif status.state is MotionState.REFUSED and not status.request:
@@ -148,9 +148,9 @@ class MotionService:
 
 
 class MotionPlannerNode(PoiseNode):
-    """Runs ``MotionPlanner`` on request, from the reference posture that the controller publishes.
+    """Runs ``MotionPlanner`` on request, starting from the reference posture that the controller publishes.
 
-    A motion that is requested while the posture still moves, as after a stop, is planned once it is at rest.
+    If the posture still moves, for example after a stop, the motion is planned once the posture is at rest.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -185,7 +185,7 @@ class MotionPlannerNode(PoiseNode):
         self._plan_at_rest()
 
     def _start(self) -> Vector:
-        """Posture that plans start from (nj,) [rad]; raises ``MessageError`` before the first."""
+        """Start posture of a plan (nj,) [rad]; ``MessageError`` before the first one is received."""
         if self._posture is None:
             raise MessageError("no posture of the controller has arrived to start from")
         return self._posture
@@ -196,12 +196,12 @@ class MotionPlannerNode(PoiseNode):
         self._plan_at_rest()
 
     def _plan_at_rest(self) -> None:
-        """Plan the motion that waits, once the posture is at rest or the wait is over."""
+        """Plan the pending motion once the posture is at rest or the wait is over."""
         if self._request and self.active and not (self._moving and self._stamp < self._until):
             self._plan(self._request)
 
     def _plan(self, request: str) -> None:
-        """Plan; answers repeat the request, so that the sender recognises an overtaken one."""
+        """Plan; answers contain the request, so that the sender can discard the answer to an older one."""
         self._request = ""
         try:
             motion = variant(request.partition(" ")[0], self.model.name, self._law.names)
