@@ -1,9 +1,9 @@
-r"""DCM reference over footholds: closed forms of the linear inverted pendulum, phase by phase.
+r"""DCM reference over footholds: closed forms of the linear inverted pendulum for each phase.
 
-Symbols: ``xi = c + c'/omega`` the divergent component of motion, ``p`` the ZMP, ``omega = sqrt(g / z)``. The pendulum
-obeys ``xi' = omega (xi - p)``. A step begins at the touchdown of the new stance foot with a double support of duration
-``T_d``, in which the ZMP moves at constant speed from the old foot's point to the new one's, then stays there for the
-single support ``T_s``; ``T = T_d + T_s``.
+Symbols: ``xi = c + c'/omega`` is the divergent component of motion, ``p`` the ZMP, ``omega = sqrt(g / z)``. The
+pendulum obeys ``xi' = omega (xi - p)``. A step of duration ``T = T_d + T_s`` begins at the touchdown of the new stance
+foot. In the double support ``T_d``, the ZMP moves at constant speed from the ZMP point of the old stance foot to that
+of the new one. In the single support ``T_s``, it stays there.
 
 References:
     Englsberger, Ott, Albu-Schaeffer: Three-dimensional bipedal walking control based on divergent component of motion
@@ -36,7 +36,7 @@ class StepModel(NamedTuple):
 
 @register_jitable
 def transfer_share(omega: float, double: float) -> float:
-    r"""``alpha = (1 - exp(-omega T_d)) / (omega T_d)``: equivalent share of a jump at the start of a ramp of the ZMP.
+    r"""``alpha = (1 - exp(-omega T_d)) / (omega T_d)``: share of an initial ZMP step that is equivalent to a ZMP ramp.
 
     .. math:: \xi(T) = p_i + e^{\omega T} (\xi_0 - p_{i-1} - \alpha (p_i - p_{i-1}))
     """
@@ -52,11 +52,11 @@ def touchdown_offset(
 
     .. math:: b_i = e^{-\omega T} (b_{i+1} + p_{i+1} - p_i) - (1 - \alpha) (p_i - p_{i-1}) + e^{-\omega T_d} d_i
 
-    with ``d_i`` the reaction of the leg that swings from p_{i-1} to p_{i+1} (``reaction.py``), ``swings`` (steps - 1,
-    2). The recursion contracts by ``exp(omega T)`` a step, so the end of a preview of three or four steps hardly
-    matters; there the DCM ``final`` is over the last foothold (capturable), or over the middle of the stance where the
-    walk ends. ``points`` are p_0 (stance), p_1, ... (1 + steps, 2) [m], ``singles`` T_s of the steps to them
-    (1 + steps,) and ``double`` T_d [s].
+    ``swings`` (steps - 1, 2) [m] are the reactions d_i of the leg that swings from p_{i-1} to p_{i+1}
+    (``reaction.py``). The recursion contracts by ``exp(omega T)`` per step, so the end of a preview of three or four
+    steps has little effect. At the end, the DCM ``final`` (2,) [m] is over the last foothold (capturable), or over the
+    middle of the stance if the walk ends there. ``points`` are p_0 (stance), p_1, ... (1 + steps, 2) [m], ``singles``
+    are T_s of the steps to them (1 + steps,) and ``double`` is T_d [s].
     """
     share = 1.0 - transfer_share(omega, double)
     fade = math.exp(-omega * double)
@@ -72,9 +72,9 @@ def touchdown_offset(
 
 @register_jitable
 def previewed_offset(steps: Preview, foot: int, ends: bool, omega: float, pace: Pace, model: StepModel) -> Point:
-    """DCM offset at the coming touchdown from the next ZMP point, in W [m]; ``foot`` swings first.
+    """DCM offset from the next ZMP point at the coming touchdown, in W [m]; ``foot`` swings first.
 
-    ``steps`` are the stance and the coming footholds; with ``ends``, the last of them ends the walk.
+    ``steps`` are the stance and the coming footholds. If ``ends``, the walk ends at the last one.
     """
     count = len(steps)
     points, swings = np.empty((count, 2)), np.empty((count - 2, 2))
@@ -92,11 +92,11 @@ def previewed_offset(steps: Preview, foot: int, ends: bool, omega: float, pace: 
 
 @njit(cache=True)
 def height_at_touchdown(steps: Preview, ends: bool, omega: float, pace: Pace) -> float:
-    r"""Vertical DCM at the coming touchdown above that over the stance foot, by known heights [m].
+    r"""Vertical DCM at the coming touchdown relative to the one over the stance foot, from known heights [m].
 
-    Vertically, too, the DCM runs away from the foot that bears: :math:`\xi_z' = \omega (\xi_z - z_i)`, so the same
-    recursion holds. The CoM that converges to it rises as it goes ahead, with the same constant ``omega``:
-    ``(g + z'') / (z - z_i)`` is ``omega^2``, and its force passes through the ZMP.
+    The vertical DCM also diverges from the stance foot, :math:`\xi_z' = \omega (\xi_z - z_i)`, so the same recursion
+    holds. The CoM converges to it and rises as it moves ahead, with the same constant ``omega``:
+    ``(g + z'') / (z - z_i)`` is ``omega^2``, and the force passes through the ZMP.
 
     References:
         Englsberger, Ott, Albu-Schaeffer (2015), section III: DCM and virtual repellent point in three dimensions.
@@ -119,10 +119,10 @@ def offset_coupling(omega: float, pace: Pace, step: StepModel) -> float:
 
 @register_jitable
 def pendulum(point: Vector, end: Vector, omega: float, left: float, rest: Point, offset: Point, out: Matrix) -> None:
-    """DCM and its rate (2, 2), in single support, ``left`` [s] before the touchdown with the DCM ``end`` (2,) [m].
+    """Fill DCM and its rate (2, 2) in single support, ``left`` [s] before the touchdown with the DCM ``end`` (2,) [m].
 
-    ``point`` is the ZMP point of the stance foot (2,) [m]; ``rest`` is the DCM that the rest of the swing uses up [m]
-    (``reaction.py``), ``offset`` is CMP minus CoP now [m].
+    ``point`` is the ZMP point of the stance foot (2,) [m]. ``rest`` is the DCM shift by the rest of the swing [m]
+    (``reaction.py``), ``offset`` is the present CMP minus CoP [m].
     """
     decay = math.exp(-omega * left)
     for i in range(2):
@@ -135,9 +135,9 @@ def single_support(
     point: Vector, end: Vector, omega: float, left: float, swing: SwingMotion, body: Body, leg: Unboxed[SwingLeg],
     out: Matrix,
 ) -> None:  # fmt: skip
-    """Fill DCM, its rate, and CMP minus CoP (3, 2) [m, m/s, m], ``left`` [s] before the touchdown with ``end``.
+    """Fill DCM, its rate, and CMP minus CoP (3, 2) [m, m/s, m], ``left`` [s] before the touchdown.
 
-    ``point`` is the ZMP point of the stance foot and ``end`` a DCM (2,) [m].
+    ``point`` is the ZMP point of the stance foot and ``end`` the DCM at touchdown (2,) [m].
     """
     rest = rest_of_swing(omega, left, swing, body, leg.record)
     offset = cmp_offset(swing[0], body[0], body[1], leg.record.lever)
@@ -149,9 +149,9 @@ def single_support(
 def double_support(
     old: Vector, new: Vector, end: Vector, omega: float, elapsed: float, duration: float
 ) -> tuple[Vector, Vector]:
-    """DCM and its rate while the ZMP moves from ``old`` to ``new`` (2,) in ``duration``; ``end`` is the DCM then.
+    """DCM and its rate while the ZMP moves from ``old`` to ``new`` (2,) in ``duration``; ``end`` is the final DCM.
 
-    ``elapsed`` counts from the planned touchdown [s]; before it, ``elapsed`` is negative and the ZMP rests in ``old``.
+    ``elapsed`` is the time since the planned touchdown [s]. While it is negative, the ZMP stays at ``old``.
     """
     early, elapsed = min(elapsed, 0.0), max(elapsed, 0.0)
     dcm, rate, decay = np.empty(2), np.empty(2), math.exp(-omega * (duration - elapsed))
@@ -171,7 +171,7 @@ def double_support(
 def blend(
     start: tuple[Vector, Vector], end: tuple[Vector, Vector], elapsed: float, duration: float
 ) -> tuple[Vector, Vector]:
-    """Cubic between two DCM states (position, rate), each (2,): the shift before the first and after the last step."""
+    """Cubic between two DCM states (position, rate), each (2,): shift before the first and after the last step."""
     u = min(max(elapsed / duration, 0.0), 1.0)
     h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
     h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
@@ -194,38 +194,38 @@ class DcmState(Struct, frozen=True):
 
     @staticmethod
     def at_rest(dcm: Vector, old: Vector | None = None) -> DcmState:
-        """Rest at a DCM (2,) [m]."""
+        """State at rest at a DCM (2,) [m]."""
         rate = np.zeros(2)
         return DcmState(dcm, rate, (dcm, rate), np.zeros(2) if old is None else old)
 
     def shifted(self, shift: Vector) -> DcmState:
-        """Moved in W (2,) [m]."""
+        """State shifted in W (2,) [m]."""
         return DcmState(self.dcm + shift, self.rate, (self.start[0] + shift, self.start[1]), self.old + shift)
 
     def zmp(self, omega: float) -> Vector:
-        """ZMP that moves the reference (2,) [m]."""
+        """ZMP of the reference (2,) [m]."""
         zmp: Vector = self.dcm - self.rate / omega
         return zmp
 
     def begin_blend(self) -> DcmState:
-        """The next blend starts from the present reference."""
+        """State whose next blend starts from the present reference."""
         return structs.replace(self, start=(self.dcm, self.rate))
 
     def blended(self, end: Vector, rate: Vector, elapsed: float, duration: float) -> DcmState:
-        """On both feet, from the start of the blend to a DCM (2,) [m] and rate (2,) [m/s]."""
+        """State on both feet, blended from the start to a DCM (2,) [m] and rate (2,) [m/s]."""
         dcm, now = blend(self.start, (end, rate), elapsed, duration)
         return DcmState(dcm, now, self.start, self.old)
 
     def in_single(self, point: Vector, dcm: Vector, rate: Vector) -> DcmState:
-        """Single support on the ZMP point (2,) [m] of a foot; see ``single_support``."""
+        """State in single support on the ZMP point (2,) [m] of a foot; see ``single_support``."""
         return DcmState(dcm, rate, self.start, point)
 
     def in_double(self, new: Vector, touchdown: Vector, omega: float, elapsed: float, duration: float) -> DcmState:
-        """Double support from the last stance foot to the new one, and the DCM at the planned ``touchdown`` (2,) [m].
+        """State in double support, from the last stance foot to the new one and its ZMP point ``new`` (2,) [m].
 
-        ``elapsed`` counts from the planned touchdown [s]. It is negative after an early one: the pendulum then runs on
-        as in single support. The reference goes on from where it is wherever the foot has come down, as the ZMP moves
-        to the foot (``transfer_share``): the next step makes up for an error of the foothold, not this short time.
+        ``touchdown`` is the DCM at the planned touchdown (2,) [m], ``elapsed`` the time since then [s]. After an early
+        touchdown, ``elapsed`` is negative and the pendulum continues as in single support. The reference stays
+        continuous for any foothold (``transfer_share``): the next step corrects a foothold error, not this short phase.
         """
         moved = transfer_share(omega, duration) * (new - self.old)
         end = new + math.exp(omega * duration) * (touchdown - self.old - moved)

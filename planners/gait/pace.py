@@ -1,22 +1,22 @@
-r"""Pace: duration, height and stiffness of the steps over the speed, and over what disturbs the walk.
+r"""Pace: duration, height and stiffness of the steps as functions of speed and disturbances.
 
-A walk that nothing disturbs steps as its speed needs: slow long steps cost little, at high speed quick short ones are
-within reach. A disturbed one takes the quick steps of high speed at any speed, because the DCM runs away from its
-reference by ``exp(omega T)`` in a step. Both are one number, the ``share`` of the fast gait,
+The speed determines the pace of an undisturbed walk: slow long steps take little effort, and at high speed quick short
+steps stay within reach. A disturbed walk takes quick steps at any speed, because the DCM error grows by
+``exp(omega T)`` per step. Both effects are combined in the ``share`` of the fast gait,
 
 .. math:: s = \max\left(S\left(\frac{|v| - s_0}{1 - s_0}\right), u\right)
 
-``|v|`` is the norm of the velocity in parts of that at which the gait is fast, ``s_0`` its ``slow_share``, ``S`` the
-smooth step and ``u`` the urgency: a smooth step of the DCM error from ``calm`` to ``alarm``, or the share of a sole
-without ground under it, where the ankle cannot correct that error. It fades with the time constant ``calm_time``.
+``|v|`` is the norm of the velocity relative to the velocity of the fast gait, ``s_0`` is ``slow_share`` and ``S`` the
+smooth step. ``u`` is the urgency: a smooth step of the DCM error from ``calm`` to ``alarm``, or the share of a sole
+without ground under it, where the ankle cannot correct that error. It decays with the time constant ``calm_time``.
 
-The ground bears a tangential force of ``mu`` times the normal one. At a touchdown the CoM is half a step of length L
-and width w away from the feet, where the pendulum of height z needs a coefficient of ``|(L, w)| / 2 z``. On slippery
-ground the steps of a velocity are therefore quicker, and where the fast gait does not suffice the robot is slower:
+The ground bears a tangential force of up to ``mu`` times the normal force. At touchdown the CoM is half a step of
+length L and width w away from the feet. A pendulum of height z then needs a friction coefficient of ``|(L, w)| / 2 z``.
+On slippery ground the steps are therefore quicker; if the fast gait does not suffice, the robot walks slower:
 
 .. math:: L^2 + w^2 \le (2 z \sigma \mu)^2, \quad L = |v| T(s)
 
-with the share ``\sigma`` of the coefficient, ``friction_share``.
+``\sigma`` is the share of the coefficient that may be used, ``friction_share``.
 """
 
 import math
@@ -28,15 +28,15 @@ from planners.gait.config import PaceConfig
 
 
 class Pace(NamedTuple):
-    """How the robot steps now."""
+    """Present pace of the steps."""
 
     single: float  #: Nominal single support [s]
     double: float  #: Double support between two steps [s]
-    crouch: float  #: The CoM is below that of standing by this [m]
+    crouch: float  #: Height of the CoM in standing less its present height [m]
     clearance: float  #: Height of the sole at mid-swing [m]
-    share: float  #: Of the fast gait, from 0 to 1 [-]
-    least_effort: float = 0.0  #: Part of the swing foot's path that is that of least acceleration, not jerk [-]
-    toe_off: float = 0.0  #: Rotation of the rear sole at lift-off, per distance behind the other one [rad/m]
+    share: float  #: Share of the fast gait, from 0 to 1 [-]
+    least_effort: float = 0.0  #: Share of the minimum-acceleration path in the swing path; the rest is minimum jerk [-]
+    toe_off: float = 0.0  #: Rotation of the rear sole at lift-off, per distance behind the front sole [rad/m]
 
     @property
     def period(self) -> float:
@@ -45,9 +45,9 @@ class Pace(NamedTuple):
 
 
 def pace_at(share: float, config: PaceConfig, urgency: float = 0.0) -> Pace:
-    """The pace at the share of the fast gait that a speed needs, and the urgency of a disturbance [-].
+    """Pace at the share of the fast gait for a speed and at the urgency of a disturbance [-].
 
-    The rear sole of an urgent step lies flat, so that both soles bear.
+    The rear sole of an urgent step lies flat, so that both soles bear load.
     """
     share = max(share, urgency)
     names = ("single", "double", "crouch", "clearance", "least_effort", "toe_off")
@@ -57,32 +57,32 @@ def pace_at(share: float, config: PaceConfig, urgency: float = 0.0) -> Pace:
 
 @register_jitable
 def with_single(pace: Pace, least: float) -> Pace:
-    """The pace with a nominal single support of at least ``least`` [s]."""
+    """Pace with a nominal single support of at least ``least`` [s]."""
     single, double, crouch, clearance, share, effort, toe_off = pace
     return Pace(max(single, least), double, crouch, clearance, share, effort, toe_off)
 
 
 def share_of(velocity: Velocity, config: PaceConfig) -> float:
-    """Share of the fast gait that a velocity needs [-]."""
+    """Share of the fast gait for a velocity [-]."""
     forward, left, turn = velocity
     speed = math.hypot(forward / config.forward, left / config.lateral, turn / config.turn)
     return _smooth_step((speed - config.slow_share) / (1.0 - config.slow_share))
 
 
 def longest_step(friction: float, height: float, width: float, config: PaceConfig) -> float:
-    """Length of the longest step that the ground bears, at a coefficient [-], a CoM height and a step width [m]."""
+    """Longest step within the friction limit, for a coefficient [-], a CoM height and a step width [m]."""
     bearable = 2.0 * height * config.friction_share * friction
     return math.sqrt(max(bearable * bearable - width * width, 0.0))
 
 
 def share_within(velocity: Velocity, longest: float, config: PaceConfig) -> float:
-    """Share of the fast gait from which the steps of a velocity are not longer than ``longest`` [m]."""
+    """Least share of the fast gait at which the steps of a velocity are at most ``longest`` [m] long."""
     speed, slow, fast = math.hypot(velocity[0], velocity[1]), config.slow.period, config.fast.period
     return min(max((slow - longest / max(speed, 1e-6)) / max(slow - fast, 1e-6), 0.0), 1.0)
 
 
 def velocity_within(velocity: Velocity, longest: float, config: PaceConfig) -> Velocity:
-    """The velocity, or a slower one whose steps are not longer than ``longest`` [m] in the fast gait."""
+    """Velocity, reduced so that its steps are at most ``longest`` [m] long in the fast gait."""
     way = math.hypot(velocity[0], velocity[1]) * config.fast.period
     if way <= longest:
         return velocity
@@ -91,15 +91,15 @@ def velocity_within(velocity: Velocity, longest: float, config: PaceConfig) -> V
 
 
 def urgency_after(urgency: float, error: float, dt: float, config: PaceConfig) -> float:
-    """Urgency [-] one tick of ``dt`` [s] later, at a DCM error [m]."""
+    """Urgency [-] after one tick of ``dt`` [s], at a DCM error [m]."""
     present = _smooth_step((error - config.calm) / (config.alarm - config.calm))
     return max(present, urgency - urgency * min(dt / config.calm_time, 1.0))
 
 
 def lost_share(areas: Matrix, half: Matrix) -> float:
-    """Largest share of a sole that does not bear, from the parts that do (2, 4) and the half sizes (2, 2) [m].
+    """Largest share of a sole that does not bear, from the bearing areas (2, 4) and the half sizes (2, 2) [m].
 
-    Of a sole without half width, which rolls anyway, the length counts.
+    For a sole without half width, which rolls anyway, only the length is used.
     """
     bearing = (
         (high_x - low_x) / (2.0 * length) * ((high_y - low_y) / (2.0 * width) if width > 0.0 else 1.0)

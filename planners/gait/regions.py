@@ -1,4 +1,4 @@
-"""Regions of the stance frame in which a swing foot may land, each convex, and the way round the stance leg."""
+"""Convex regions of the stance frame in which a swing foot may land, and its path round the stance leg."""
 
 import math
 from enum import IntEnum
@@ -15,14 +15,14 @@ from planners.gait.footsteps import LEFT, Point, StepLimits, limits_of
 Array = NDArray[np.float64]
 
 NOWHERE = (math.nan, math.nan)  #: No corner
-_RIM = 1e-3  #: How far inside the area around the stance foot a place is still taken to be on its edge [m]
+_RIM = 1e-3  #: Tolerance of the edge of the area around the stance foot [m]
 
 
 class Region(IntEnum):
-    """Where a foot lands relative to the stance foot."""
+    """Region of a foothold relative to the stance foot."""
 
-    OWN = 0  #: On its own side
-    URGENT = 1  #: The same for an urgent step
+    OWN = 0  #: Side of the swing foot
+    URGENT = 1  #: Side of the swing foot, in an urgent step
     FRONT = 2  #: Crossed in front of the stance foot, or ahead of it
     BEHIND = 3  #: Crossed behind the stance foot, or behind it
 
@@ -49,7 +49,7 @@ def region_limits(reach: ReachConfig) -> tuple[StepLimits, ...]:
 
 
 def region_boxes(limits: tuple[StepLimits, ...]) -> Array:
-    """Least and largest foothold in each region, of the left and of the right foot (regions, 2, 2, 2) [m]."""
+    """Bounds of the footholds in each region, of the left and of the right foot (regions, 2, 2, 2) [m]."""
     boxes = np.empty((len(limits), 2, 2, 2))
     for box, limit in zip(boxes, limits, strict=True):
         box[:, 0, 0], box[:, 1, 0] = -limit.backward, limit.forward
@@ -62,8 +62,8 @@ def region_boxes(limits: tuple[StepLimits, ...]) -> Array:
 def arrival(place: Point, velocity: Point, corner: Point, limits: FootLimits) -> tuple[float, Point]:
     """Least time to a corner of ``corner_between`` [s], and the velocity of the foot there [m/s].
 
-    The axis along which the foot may not go farther before the corner is that of x, but on the way back from across the
-    stance foot that of y. It comes to rest along it, and passes the corner along the other one without braking.
+    The foot comes to rest along the axis that is blocked before the corner, and passes along the other one without
+    braking. The blocked axis is x, or y on the way back from across the stance foot.
     """
     outside = place[1] == corner[1] or place[1] * corner[1] >= corner[1] * corner[1]
     x, y = corner[0] - place[0], corner[1] - place[1]
@@ -77,19 +77,19 @@ def arrival(place: Point, velocity: Point, corner: Point, limits: FootLimits) ->
 class Passage(NamedTuple):
     """Limits of a swing foot's path and motion."""
 
-    corner: Point  #: Of the area around the stance foot that it must not enter: ahead, and to its own side [m]
-    reach: Array  #: Of ``region_boxes``
-    foot_limits: FootLimits  #: Of the foot
+    corner: Point  #: Corner of the prohibited area around the stance foot: ahead, and to the side of the swing foot [m]
+    reach: Array  #: Result of ``region_boxes``
+    foot_limits: FootLimits  #: Limits of the foot along each axis
     quickest: float  #: Shortest single support [s]
 
 
 @register_jitable
 def corner_between(foot: int, place: Point, target: Point, corner: Point) -> Point:
-    """The corner that the straight way of a foot would cut, in the stance frame [m]; NaN without one.
+    """Corner that the straight path of a foot would cut, in the stance frame [m]; NaN without one.
 
-    The area to keep out of is ``|x| < corner[0]``, less to the foot's own side than ``corner[1]``. A foot that is
-    inside already leaves it ahead or behind before it goes farther across. No way here goes round both corners: see
-    ``divided``.
+    The prohibited area is ``|x| < corner[0]``, with y less than ``corner[1]`` towards the side of the swing foot. A
+    foot that is already inside leaves it ahead or behind before it moves farther across. Paths round both corners are
+    excluded by ``divided``.
     """
     side = 1.0 if foot == LEFT else -1.0
     first, last = side * place[1] - corner[1], side * target[1] - corner[1]
@@ -100,7 +100,7 @@ def corner_between(foot: int, place: Point, target: Point, corner: Point) -> Poi
     if first * last >= 0.0:
         return NOWHERE
     x = place[0] + (target[0] - place[0]) * first / (first - last)
-    crossed = place[0] if first < 0.0 else target[0]  # end of the way in front of the stance foot, or behind it
+    crossed = place[0] if first < 0.0 else target[0]  # end of the path in front of or behind the stance foot
     ahead = math.copysign(1.0, crossed)
     if ahead * x >= corner[0] - _RIM or abs(crossed) < corner[0] - _RIM:
         return NOWHERE
@@ -108,7 +108,7 @@ def corner_between(foot: int, place: Point, target: Point, corner: Point) -> Poi
 
 
 def divided(foot: int, place: Point, region: Region, corner: Point) -> bool:
-    """Whether the stance foot is between a place of the foot and a region, so that both corners are on its way."""
+    """Whether the stance foot is between a position of the foot and a region, so that the path rounds both corners."""
     side, ahead = 1.0 if foot == LEFT else -1.0, 1.0 if region is Region.FRONT else -1.0
     return region.crossing and side * place[1] < corner[1] and ahead * place[0] < 0.0
 
@@ -117,9 +117,9 @@ def divided(foot: int, place: Point, region: Region, corner: Point) -> bool:
 def missed(dcm: Point, place: Point, foot: int, half: Array, omega: float, passage: Passage) -> float:
     """Distance of a DCM from the box of both soles after the quickest urgent step of a foot [m].
 
-    ``dcm`` and ``place``, of the foot at lift-off, are in the stance frame, from the ZMP point of the stance foot;
-    ``half`` is half its sole (2,). The DCM moves away from the point of the stance sole that is nearest to it. The foot
-    lands as near to it as its reach and its speed allow.
+    ``dcm`` and ``place``, the position of the foot at lift-off, are in the stance frame, relative to the ZMP point of
+    the stance foot; ``half`` is the half size of its sole (2,). The DCM diverges from the nearest point of the stance
+    sole. The foot lands as close to the DCM as its reach and speed allow.
     """
     growth, box, square = math.exp(omega * passage.quickest), passage.reach[Region.URGENT, foot], 0.0
     way, _ = reachable_distance(passage.quickest, 0.0, passage.foot_limits)

@@ -1,20 +1,20 @@
-r"""Step adjustment: foothold, touchdown time, DCM offset and CoP offset of the step under way.
+r"""Step adjustment: foothold, touchdown time, DCM offset and CoP offset of the present step.
 
-With the stance ZMP at the origin, DCM :math:`\xi` at time t of the single support, and :math:`\tau = e^{\omega T}`, the
-DCM at touchdown is
+The origin is the stance ZMP, :math:`\xi` is the DCM at time t of the single support, and :math:`\tau = e^{\omega T}`.
+The DCM at touchdown is
 
 .. math::
     u + b = e^{\omega (T - t)} \xi - (e^{\omega (T - t)} - 1)\, \delta
 
-so that, with b eliminated,
+With b eliminated, the problem is
 
 .. math::
     \min_{u, \tau, \delta} w_u |u - \bar u|^2 + w_\tau (\tau - \bar \tau)^2 + w_b |b - \bar b|^2 + w_p |\delta|^2
     \quad \text{s.t. bounds on } u, \tau, \delta, \quad -w(T - t, -v) \le u - u_{now} \le w(T - t, v)
 
-The offset ``b`` is soft: it is the distance from a walk that can continue without end. A foot of velocity v gets as far
-as w, the ``reachable_distance``: a farther foothold may be reached later. With a touchdown time, what is left is a
-quadratic problem in two bounded unknowns for each axis, which is solved exactly; the time is searched.
+The offset ``b`` is a soft constraint: its error is the distance from a walk that can continue indefinitely. w is the
+``reachable_distance`` of a foot of velocity v; a farther foothold may be reached later. For a given touchdown time, the
+problem is quadratic in two bounded unknowns for each axis and is solved exactly. The time is found by a search.
 
 References:
     Khadiv, Herzog, Moosavian, Righetti: Walking control based on step timing adaptation, T-RO 2020, eq. 14-21.
@@ -29,32 +29,32 @@ from planners.gait.config import AdjustmentConfig
 from planners.gait.foot_motion import FootLimits, reachable_distance
 from planners.gait.footsteps import Point
 
-_TIMES = 41  #: Touchdown times that are tried first
-_NARROWED = 24  #: Times that the interval around the best of them is narrowed
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  #: By this factor [-]
+_TIMES = 41  #: Number of touchdown times in the initial search
+_NARROWED = 24  #: Number of reductions of the interval around the best of these times
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  #: Factor of one reduction [-]
 UNSOLVED = 1e6  #: Objective of a problem without a solution [-]
 
 
 class StepProblem(NamedTuple):
-    """One step adjustment, in the stance frame; footholds are ZMP points, from the ZMP point of the stance."""
+    """One step adjustment in the stance frame; footholds are ZMP points relative to the ZMP point of the stance."""
 
     dcm: Vector  #: Measured DCM less its shift by the rest of the swing (2,) [m]
-    elapsed: float  #: Since the start of the single support [s]
-    omega: float  #: Of the pendulum [1/s]
+    elapsed: float  #: Time since the start of the single support [s]
+    omega: float  #: Natural frequency of the pendulum [1/s]
     step: Vector  #: Nominal foothold (2,) [m]
     time: float  #: Nominal touchdown time [s]
     offset: Vector  #: DCM offset from the foothold at the nominal touchdown (2,) [m]
     coupling: float  #: Change of that offset per change of the foothold [-]
-    lower: Vector  #: Least foothold (2,) [m]
-    upper: Vector  #: Largest foothold (2,) [m]
+    lower: Vector  #: Lower bound of the foothold (2,) [m]
+    upper: Vector  #: Upper bound of the foothold (2,) [m]
     soonest: float  #: Least touchdown time [s]
     latest: float  #: Largest touchdown time [s]
     cop: Vector  #: Largest CoP offset to either side (2,) [m]
-    kept: bool  #: The foot is on its way into these bounds: the place in them nearest to its way is within reach
-    place: Vector  #: From where the swing foot goes straight to the foothold: now, or a corner that it rounds (2,) [m]
-    velocities: Matrix  #: Of the swing foot there, largest backward and forward along each axis (2, 2) [m/s]
-    leaves: float  #: When it leaves ``place``, from the start of the single support [s]
-    foot_limits: FootLimits  #: Of the swing foot along each axis
+    kept: bool  #: The last plan is in these bounds: the point in them nearest to the foot's path counts as reachable
+    place: Vector  #: Start of the straight path to the foothold: position of the swing foot, or a corner (2,) [m]
+    velocities: Matrix  #: Velocity of the swing foot there, largest backward and forward of each axis (2, 2) [m/s]
+    leaves: float  #: Time at which the foot leaves ``place``, since the start of the single support [s]
+    foot_limits: FootLimits  #: Limits of the swing foot along each axis
 
 
 class Weights(NamedTuple):
@@ -67,14 +67,14 @@ class Weights(NamedTuple):
 
 
 def weights_of(config: AdjustmentConfig) -> tuple[Weights, Weights]:
-    """Weights of a walk that goes on, and of one that ends."""
+    """Weights of a walk that continues, and of one that ends."""
     going_on = Weights(config.position, config.time, config.offset, config.cop)
     return going_on, going_on._replace(time=config.time_ending)
 
 
 @register_jitable
 def _within(p: StepProblem, i: int, left: float) -> Point:
-    """Least and largest foothold along an axis that the foot reaches in the time that is left [m]; none: reversed."""
+    """Bounds of the footholds along an axis that the foot reaches in the time ``left`` [m]; reversed if none."""
     least, largest = p.lower[i], p.upper[i]
     place, back, forth = p.place[i], p.velocities[i, 0], p.velocities[i, 1]
     low = place - reachable_distance(left, -back, p.foot_limits)[0]
@@ -87,18 +87,18 @@ def _within(p: StepProblem, i: int, left: float) -> Point:
 
 @register_jitable
 def _along(p: StepProblem, i: int, time: float, weights: Weights) -> tuple[float, float, float]:
-    """Best foothold and CoP offset along an axis for a touchdown time [m], and its part of the objective."""
+    """Best foothold and CoP offset along an axis for a touchdown time [m], and their part of the objective."""
     low, high = _within(p, i, time - p.leaves)
     if low > high:
         return 0.0, 0.0, math.inf
     growth = math.exp(p.omega * (time - p.elapsed))
     ahead, slope, step = growth - 1.0, 1.0 + p.coupling, p.step[i]
-    # What is missed: offset less its goal = free - slope u - ahead delta
+    # Error of the offset: free - slope u - ahead delta
     free = growth * p.dcm[i] - p.offset[i] + p.coupling * step
     cost, foothold, shift = math.inf, low, 0.0
-    for bound in range(5):  # inside, then with each of the four bounds active
+    for bound in range(5):  # no active bound, then each of the four bounds active
         if bound == 0:
-            # Stationary: position (u - step) = offset slope e, cop delta = offset ahead e, with e what is missed
+            # Stationary: position (u - step) = offset slope e, cop delta = offset ahead e, with e the error
             gain = 1.0 / weights.offset + slope * slope / weights.position + ahead * ahead / weights.cop
             missed = (free - slope * step) / gain
             u, delta = step + slope * missed / weights.position, ahead * missed / weights.cop
@@ -123,7 +123,7 @@ def _along(p: StepProblem, i: int, time: float, weights: Weights) -> tuple[float
 
 @register_jitable
 def _at(p: StepProblem, time: float, weights: Weights, z: Vector) -> float:
-    """Objective of the best step with a touchdown time [s], infinite without one; sets ``z`` (5,)."""
+    """Objective of the best step with a touchdown time [s], infinite if there is none; sets ``z`` (5,)."""
     tau = math.exp(p.omega * time)
     cost = 0.5 * weights.time * (tau - math.exp(p.omega * p.time)) ** 2
     z[2] = tau
@@ -135,10 +135,10 @@ def _at(p: StepProblem, time: float, weights: Weights, z: Vector) -> float:
 
 @njit(cache=True)
 def best_step(p: StepProblem, weights: Weights, z: Vector) -> float:
-    r"""Objective of the best step, which is written to ``z`` :math:`(u, \tau, \delta)` (5,).
+    r"""Objective of the best step; fills ``z`` with the step :math:`(u, \tau, \delta)` (5,).
 
-    The best time is that of ``_TIMES`` between the soonest and the latest one, refined by a golden-section search next
-    to it. Without a step in reach the objective is ``UNSOLVED``, and ``z`` the nominal step within its bounds.
+    The best of ``_TIMES`` times between the soonest and the latest one is refined by a golden-section search. If no
+    step is in reach, the objective is ``UNSOLVED`` and ``z`` is the nominal step within its bounds.
     """
     best, at, stride = math.inf, p.soonest, (p.latest - p.soonest) / (_TIMES - 1)
     for k in range(_TIMES):
