@@ -213,7 +213,7 @@ class FootingConfig:
     grain: Positive  #: Resolution of the areas; each change requires a new wrench cone in the QP [m]
     rim: Positive  #: Largest distance of the CoP from the rim of a sole that has tipped over it [m]
     tipped: Positive  #: Angle over the rim above which a sole bears on the rim alone, until half this angle [rad]
-    lie_angle: NonNegative  #: Angle from the measured tilt of a sole on its rim to its reference, to the ground [rad]
+    lie_angle: NonNegative  #: Angle of a sole on its rim from its tilt to its reference, towards the ground [rad]
     lie_time: Positive  #: Time constant with which the angle over the rim of a sole at rest decays [s]
 
 
