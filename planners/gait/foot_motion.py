@@ -1,4 +1,4 @@
-"""What a swing foot of limited acceleration can do along one axis."""
+"""Reachable motion of a swing foot with limited acceleration along one axis."""
 
 import math
 from typing import NamedTuple
@@ -16,9 +16,9 @@ class FootLimits(NamedTuple):
 
 @register_jitable
 def reachable_distance(time: float, velocity: float, limits: FootLimits) -> Point:
-    """How far a foot of this velocity gets and comes to rest in a time [m], and its derivative [m/s].
+    """Distance that a foot of this velocity covers to rest in a time [m], and its time derivative [m/s].
 
-    With too little time it brakes harder.
+    If the time is too short to come to rest, the foot brakes harder.
     """
     speed, acceleration = limits
     beyond = 0.25 * (acceleration * time * time - velocity * velocity / acceleration)
@@ -32,7 +32,7 @@ def reachable_distance(time: float, velocity: float, limits: FootLimits) -> Poin
 
 @register_jitable
 def time_to_pass(way: float, velocity: float, limits: FootLimits) -> float:
-    """Least time in which a foot of this velocity covers a way and goes on [s]."""
+    """Least time in which a foot of this velocity covers a distance without stopping [s]."""
     if way == 0.0:
         return 0.0
     towards = velocity if way > 0.0 else -velocity
@@ -43,7 +43,7 @@ def time_to_pass(way: float, velocity: float, limits: FootLimits) -> float:
 
 @register_jitable
 def time_to_rest(way: float, velocity: float, limits: FootLimits) -> float:
-    """Least time in which a foot of this velocity covers a way and comes to rest [s]."""
+    """Least time in which a foot of this velocity covers a distance and comes to rest [s]."""
     towards = velocity if way > 0.0 else -velocity
     speed, acceleration = limits
     reached = math.sqrt(2.0 * towards * towards + 4.0 * acceleration * abs(way))

@@ -1,4 +1,4 @@
-"""Partial contact: the part of each planted sole that bears. A sole that turns over an edge bears on it alone."""
+"""Partial contact: the area of each planted sole that bears load. A sole that turns over an edge bears on it alone."""
 
 from dataclasses import astuple
 from typing import NamedTuple
@@ -15,17 +15,17 @@ from planners.gait.measurement import Measurement
 
 
 class ToeOff(NamedTuple):
-    """Rotation of the rear sole about its edge towards the other foot, before it lifts."""
+    """Rotation of the rear sole before lift-off, about its edge towards the other foot."""
 
-    foot: int = -1  #: None where both soles lie flat
-    edge: float = 0.0  #: Along the sole, in its frame [m]
-    angle: float = 0.0  #: About its y axis [rad]
+    foot: int = -1  #: Rear foot; -1 if both soles lie flat
+    edge: float = 0.0  #: x of the edge in the frame of the sole [m]
+    angle: float = 0.0  #: About the y axis of the sole [rad]
     rate: float = 0.0  #: [rad/s]
     acceleration: float = 0.0  #: [rad/s^2]
 
 
 class SoleEdges(NamedTuple):
-    """Edges about which a sole may turn, in its frame."""
+    """Edges about which a sole may turn, as x in its frame."""
 
     rear: float = 0.0  #: [m]
     front: float = 0.0  #: [m]
@@ -43,9 +43,9 @@ def turn_at_lift_off(ahead: float, turn: float, duration: float, edges: SoleEdge
 
 @register_jitable
 def turned_about(edge: float, angle: float, rate: float, acceleration: float, out: Matrix) -> None:
-    """Displacement, velocity and acceleration of a sole's origin by a rotation about an edge; arguments as ``ToeOff``.
+    """Fill displacement, velocity and acceleration of a sole's origin in a rotation about an edge; see ``ToeOff``.
 
-    ``out`` is x and z in the frame of the flat sole (3, 2) [m, m/s, m/s^2].
+    ``out`` has x and z in the frame of the flat sole (3, 2) [m, m/s, m/s^2].
     """
     c, s = edge * np.cos(angle), edge * np.sin(angle)
     out[0, 0], out[0, 1] = edge - c, s
@@ -54,7 +54,7 @@ def turned_about(edge: float, angle: float, rate: float, acceleration: float, ou
 
 
 FLAT = ToeOff()
-_BEARS = 0.05  #: Share of the weight from which a sole has a centre of pressure [-]
+_BEARS = 0.05  #: Least share of the weight on a sole with a centre of pressure [-]
 
 
 class FootingLimits(NamedTuple):
@@ -87,24 +87,24 @@ class SoleRotation(NamedTuple):
     """Rotation of the soles over edges; rectangles are x_min, x_max, y_min, y_max in the sole's frame."""
 
     edges: Matrix  # CoP of each sole, held while it moves less than ``edge`` (2, 2) [m]
-    turned: Matrix  # recent rotation of each sole while its CoP rests there (2, 2) [rad]
-    fallen: Matrix  # rotation of each sole since it last lay still and whole (2, 2) [rad]
+    turned: Matrix  # recent rotation of each sole while its CoP is held (2, 2) [rad]
+    fallen: Matrix  # rotation of each sole since it last lay still on its whole area (2, 2) [rad]
     rested: Vector  # time for which each sole has lain still (2,) [s]
-    bounds: Matrix  # rectangle of each sole that bears (2, 4) [m]
-    tipped: Matrix  # rotation of each sole from the ground over its rim; zero where its CoP is inside (2, 2) [rad]
+    bounds: Matrix  # bearing rectangle of each sole (2, 4) [m]
+    tipped: Matrix  # rotation of each sole from the ground over its rim; zero if the CoP is inside (2, 2) [rad]
 
 
 @register_jitable
 def _views(block: Matrix) -> SoleRotation:
-    """The fields as views of one array (2, 13): to copy and pass it takes a fifth of the time of six."""
+    """Views of one array (2, 13); copying and passing it takes a fifth of the time of six arrays."""
     return SoleRotation(block[:, 0:2], block[:, 2:4], block[:, 4:6], block[:, 6], block[:, 7:11], block[:, 11:13])
 
 
 class FootingState(Struct, frozen=True):
-    """Rotation of the soles and the parts that bear."""
+    """Rotation of the soles and their bearing areas."""
 
     block: Matrix  # a ``SoleRotation``, see ``_views`` (2, 13)
-    areas: Matrix  # its rectangles in steps of ``grain`` (2, 4) [m]
+    areas: Matrix  # bearing rectangles in steps of ``grain`` (2, 4) [m]
 
     def lies_flat(self, foot: int) -> bool:
         """Whether a planted sole bears on an area, not on an edge."""
@@ -115,16 +115,16 @@ class FootingState(Struct, frozen=True):
 class Footing:
     """Determines the rectangle of each sole that has ground under it.
 
-    A sole that bears and turns has its CoP on the edge that it turns over, and ground under that line alone: it is an
-    edge contact, since a CoP commanded beside the line is what turns the sole. A sole whose CoP moves while it turns
-    rolls flat and has no edge under it, and one that falls back to its last orientation turns over nothing new. One
-    that comes to rest turned has found ground on the other face of the edge, a slope or a lower tile, and is whole
-    again; one that came back or went no farther grows again while it lies still. A foot that lifts lands on its whole
-    sole.
+    The CoP of a loaded sole that turns is on the edge it turns over, and only that line has ground under it. The sole
+    is treated as an edge contact, since a CoP commanded beside the line would turn it. If the CoP moves during the
+    rotation, the sole rolls flat and no edge is detected. A sole that returns to its last orientation turns over no new
+    edge. A sole that comes to rest in a turned orientation has found ground on the other side of the edge (a slope or a
+    lower tile); its rectangle is whole again. If it has turned back or turned less, its rectangle grows again while it
+    lies still. A foot that lifts lands on its whole sole.
 
-    A sole that has tipped over its own rim bears on that line: its rectangle has no width, and the whole-body QP takes
-    it for an edge contact. So is one that lands tilted, until it lies flat or its CoP leaves the rim. On its rim a sole
-    turns freely: one that rests nevertheless lies on ground that is inclined otherwise than expected.
+    A sole that has tipped over its rim bears on that line. Its rectangle has no width, and the whole-body QP treats it
+    as an edge contact. The same holds for a sole that lands tilted, until it lies flat or its CoP leaves the rim. A
+    sole on its rim turns freely; if it rests, the slope of the ground differs from the expected one.
 
     References:
         G. Wiedebach et al., Walking on partial footholds including line contacts with the humanoid robot Atlas,
@@ -138,7 +138,7 @@ class Footing:
         self._constants = unbox(_Soles(self._whole, FootingLimits(*astuple(config))))
 
     def whole(self, before: FootingState | None = None) -> FootingState:
-        """Both soles whole; they keep the CoP of ``before``."""
+        """State with whole soles and the CoP of ``before``."""
         block = np.zeros((2, 13))
         soles = _views(block)
         soles.bounds[:] = self._whole
@@ -147,11 +147,11 @@ class Footing:
         return FootingState(block, self._whole)
 
     def toe_off(self, foot: int, ahead: float, turn: float, elapsed: float, duration: float) -> ToeOff:
-        r"""Rotation of the rear ``foot`` in a double support, whose other foot is ``ahead`` along the sole [m].
+        r"""Rotation of the rear ``foot`` in double support, with the other foot ``ahead`` along the sole [m].
 
         .. math:: \theta = k\, d\, (t / T)^2
 
-        with the ``turn`` k at lift-off per distance d [rad/m]; less than ``tipped`` is none.
+        ``turn`` is the rotation k at lift-off per distance d [rad/m]; below ``tipped``, the sole stays flat.
         """
         share = min(max(elapsed / duration, 0.0), 1.0)
         edge, angle, rate, acceleration = turn_at_lift_off(ahead, turn, duration, self.edges)
@@ -168,10 +168,10 @@ class Footing:
         urgent: bool = False,
         toe_off: ToeOff = FLAT,
     ) -> FootingState:
-        """One tick; ``swinging`` (None in double support) lands on a whole sole, or on its rim.
+        """State after one tick; the foot ``swinging`` (None in double support) lands on its whole sole or on its rim.
 
-        ``slope`` is that of the ground where it lands (2,) [-]. While ``urgent``, soles turn over no edge.
-        ``toe_off`` is that of the rear foot in double support, which bears on the edge.
+        ``slope`` is the ground slope at its landing (2,) [-]. In an ``urgent`` step no edge is detected. ``toe_off`` is
+        the rotation of the rear foot in double support; that foot bears on the edge.
         """
         block, areas, foot = footing.block.copy(), footing.areas.copy(), -1 if swinging is None else swinging
         if urgent:
@@ -189,14 +189,14 @@ class Footing:
 
 @register_jitable
 def _turns(speed: float, turned: float, fallen: float, limits: FootingLimits) -> bool:
-    """Whether a sole turns over an edge, and not back to how it lay."""
+    """Whether a sole turns over an edge, and not back to its last orientation."""
     onward = turned * speed > 0.0 and fallen * speed > 0.0
     return onward and abs(speed) > limits.turning and min(abs(turned), abs(fallen)) > limits.turned
 
 
 @register_jitable
 def _tip(low: float, high: float, angle: float, on_edge: bool, cop: float, limits: FootingLimits) -> tuple[float, int]:
-    """Angle over the rim, positive where the high side rises, and the rim on which the sole stands: -1, 1 or 0."""
+    """Angle over the rim, positive if the high side rises, and the rim on which the sole stands: -1, 1 or 0 (none)."""
     if cop > low + limits.rim if angle > 0.0 else cop < high - limits.rim:
         return 0.0, 0
     if abs(angle) < (0.5 if on_edge else 1.0) * limits.tipped:
@@ -218,9 +218,9 @@ def _update(
     block: Matrix,
     areas: Matrix,
 ) -> None:
-    """The rotation of the soles after one tick, in place, and ``areas``; ``swinging`` is -1 in double support.
+    """Update ``block`` and ``areas`` in place by one tick; ``swinging`` is -1 in double support.
 
-    ``tilt`` (2,) [-] is the slope of the swinging sole against the ground, in W.
+    ``tilt`` is the slope of the swing sole relative to the ground, in W (2,) [-].
     """
     whole, limits = constants.record
     edges, turned, fallen, rested, bounds, tipped = _views(block)
@@ -245,7 +245,7 @@ def _update(
                 # About x, turning forwards lifts the left side (high y); about y it lowers the front (high x).
                 about, low, high, sign = 1 - axis, 2 * axis, 2 * axis + 1, 1.0 if axis == 0 else -1.0
                 speed, edge = turning[foot, about], min(max(cops[foot, axis], whole[foot, low]), whole[foot, high])
-                ahead = whole[foot, high] - edge if sign * speed > 0.0 else edge - whole[foot, low]  # that goes down
+                ahead = whole[foot, high] - edge if sign * speed > 0.0 else edge - whole[foot, low]  # descending side
                 if ahead > limits.rim and _turns(speed, turned[foot, about], fallen[foot, about], limits):
                     bounds[foot, low] = bounds[foot, high] = edge
             still = max(abs(turning[foot, 0]), abs(turning[foot, 1])) < limits.still

@@ -1,4 +1,4 @@
-"""Footholds: poses of the soles on the floor, and the next ones of a walk at a velocity."""
+"""Footholds: poses of the soles on the floor, and the next footholds of a walk at a velocity."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ LEFT, RIGHT = 0, 1
 Pose = tuple[float, float, float]  #: x, y in W [m], heading in W [rad]
 Point = tuple[float, float]  #: x, y [m]
 Place = tuple[float, float, float, float]  #: x, y in W [m], heading [rad], height z [m]
-#: A stance or a coming foothold, for compiled code: its pose in W, known height above the stance [m], height of what
-#: the foot passes (``Tread.over``) [m], and least single support of the step to it [s]
+#: A stance or a coming foothold, for compiled code: pose in W, known height above the stance [m], height of an obstacle
+#: that the foot passes (``Tread.over``) [m], and least single support of the step [s]
 PREVIEWED = np.dtype([(name, float) for name in ("x", "y", "yaw", "rise", "over", "time")])
 Preview = NDArray[np.void]  #: The stance and the coming footholds (1 + steps,) of ``PREVIEWED``
 
@@ -48,28 +48,28 @@ def limits_of(reach: ReachConfig) -> StepLimits:
 
 @register_jitable
 def point_at(x: float, y: float, yaw: float, forward: float, left: float) -> Point:
-    """A point given in the frame of a pose, in W [m]."""
+    """Point in W, from its coordinates in the frame of a pose [m]."""
     c, s = math.cos(yaw), math.sin(yaw)
     return x + c * forward - s * left, y + s * forward + c * left
 
 
 @register_jitable
 def relative_to(x: float, y: float, yaw: float, px: float, py: float) -> Point:
-    """A point of W in the frame of a pose [m]."""
+    """Point of W in the frame of a pose [m]."""
     c, s = math.cos(yaw), math.sin(yaw)
     return c * (px - x) + s * (py - y), -s * (px - x) + c * (py - y)
 
 
 @register_jitable
 def rotated(angle: float, x: float, y: float) -> Point:
-    """A vector turned by an angle [rad]."""
+    """Vector rotated by an angle [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return c * x - s * y, s * x + c * y
 
 
 @register_jitable
 def wrap(angle: float) -> float:
-    """The angle in [-pi, pi]; the mirrored angle wraps to exactly the opposite value."""
+    """Angle wrapped to [-pi, pi]; a mirrored angle wraps to exactly the opposite value."""
     if -math.pi < angle < math.pi:
         return angle
     turn = 2.0 * math.pi
@@ -89,10 +89,10 @@ def mean_heading(first: float, second: float) -> float:
 def common_motion(
     before: tuple[Place, Place], after: tuple[Place, Place], loads: Point, least: float
 ) -> tuple[Point, Pose]:
-    """Centre [m] and planar motion [m, m, rad] of the soles that bear at least ``least``, weighted by load.
+    """Load-weighted centre [m] and planar motion [m, m, rad] of the soles that bear at least ``least``; zero if none.
 
-    ``loads`` and ``least`` have one unit. Zero without such a sole. Position and heading, which no sensor observes,
-    drift for references and measurements alike: soles on the floor seem to move together.
+    ``loads`` and ``least`` have the same unit. No sensor observes position and heading, so their estimates drift, and
+    soles on the floor appear to move together.
     """
     x, y, way_x, way_y, turn, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for foot in range(2):
@@ -126,11 +126,11 @@ class Foothold(Struct, frozen=True):
         return self.x, self.y, self.yaw, self.z
 
     def moved(self, forward: float, left: float) -> Point:
-        """A point given in this foothold's frame, in W [m]."""
+        """Point in W, from its coordinates in this foothold's frame [m]."""
         return point_at(self.x, self.y, self.yaw, forward, left)
 
     def relative(self, x: float, y: float) -> Point:
-        """A point of W in this foothold's frame [m]."""
+        """Point of W in this foothold's frame [m]."""
         return relative_to(self.x, self.y, self.yaw, x, y)
 
     def shifted(self, x: float, y: float) -> Foothold:
@@ -142,7 +142,7 @@ Feet = tuple[Foothold, Foothold]  #: Footholds of the left and the right sole
 
 
 def replaced(pair: tuple[T, T], foot: int, value: T) -> tuple[T, T]:
-    """Values of both feet with that of one foot replaced."""
+    """Values of both feet, with the value of one foot replaced."""
     return (value, pair[1]) if foot == LEFT else (pair[0], value)
 
 
@@ -153,7 +153,7 @@ def side_of(foot: int) -> float:
 
 @register_jitable
 def clamp_pose(stance: Pose, side: float, target: Pose, limits: StepLimits) -> Pose:
-    """The pose inside the limits that is nearest to a target of the swing foot (``side`` +1 left, -1 right)."""
+    """Pose within the limits nearest to a target of the swing foot (``side`` +1 left, -1 right)."""
     forward, left = relative_to(stance[0], stance[1], stance[2], target[0], target[1])
     forward = min(max(forward, -limits.backward), limits.forward)
     width = min(max(side * left, limits.width_min), limits.width_max)
@@ -166,10 +166,10 @@ def clamp_pose(stance: Pose, side: float, target: Pose, limits: StepLimits) -> P
 def next_pose(stance: Pose, side: float, advance: Pose, limits: StepLimits) -> Pose:
     r"""Pose of the swing foot (``side`` +1 left, -1 right) after one step from the stance.
 
-    The body's centre is half a step width inwards of the stance sole, moves on by ``v T`` and turns by ``w T``
-    (``advance``: forward, left [m], turn [rad]); the swing sole lands half a width outwards of it. Sideways and
-    turning, the leading foot opens and the trailing foot closes. The leading foot also takes the part that the trailing
-    foot cannot (cross, or turn in too far), so the mean velocity stays the commanded one:
+    The centre of the body is half a step width inwards of the stance sole. It moves by ``v T`` and turns by ``w T``
+    (``advance``: forward, left [m], turn [rad]); the swing sole lands half a width outwards of it. In lateral steps and
+    turns, the leading foot opens and the trailing foot closes. The trailing foot must not cross or turn in too far; the
+    leading foot makes up for it, so that the mean velocity is the commanded one:
 
     .. math:: d_{trail} = \max(w - |v_y| T, w_{min}), \quad d_{lead} = d_{trail} + 2 |v_y| T
 
@@ -184,7 +184,7 @@ def next_pose(stance: Pose, side: float, advance: Pose, limits: StepLimits) -> P
     closing = max(limits.width - abs(left), limits.width_min)
     across = side * (closing + 2.0 * abs(left) if out >= 0.0 else closing)
     half_turn = 0.5 * side * opening
-    # Displacement in the frame half-way between the two headings: mirrored steps make mirrored, closed paths.
+    # Displacement in the frame midway between the two headings, so that mirrored steps make mirrored, closed paths.
     c, s = math.cos(half_turn), math.sin(half_turn)
     x, y = point_at(stance[0], stance[1], stance[2], c * forward - s * across, s * forward + c * across)
     return clamp_pose(stance, side, (x, y, stance[2] + half_turn + half_turn), limits)
@@ -212,7 +212,7 @@ def preview_steps(
     count: int,
     stop_after: int | None = None,
 ) -> Preview:
-    """The stance and ``preview_footholds``, on level ground (1 + steps,)."""
+    """Stance and ``preview_footholds`` on level ground (1 + steps,)."""
     if stop_after is not None:
         count = max(min(count, stop_after), 1)
         velocity = (0.0, 0.0, 0.0)
@@ -229,7 +229,7 @@ def preview_footholds(
     count: int,
     stop_after: int | None = None,
 ) -> list[Foothold]:
-    """The next ``count`` footholds, ``foot`` first; with ``stop_after``, that many steps on the spot."""
+    """Next ``count`` footholds, ``foot`` first; with ``stop_after``, at most that many steps on the spot."""
     steps = preview_steps(stance, foot, velocity, period, unbox(limits_of(reach)), count, stop_after)
     return [Foothold(x, y, yaw, stance.z) for x, y, yaw, *_ in steps[1:].tolist()]
 
@@ -246,12 +246,12 @@ def next_foothold(stance: Foothold, foot: int, velocity: Velocity, period: float
 
 
 def clamped(stance: Foothold, foot: int, x: float, y: float, yaw: float, limits: StepLimits) -> Foothold:
-    """The foothold inside the limits that is nearest to a target of the swing foot."""
+    """Foothold within the limits nearest to a target of the swing foot."""
     return Foothold(*clamp_pose(stance.pose, side_of(foot), (x, y, yaw), limits), stance.z)
 
 
 def middle(soles: Sequence[Foothold]) -> Foothold:
-    """Pose half-way between both soles, which is the pose of a robot on both feet."""
+    """Pose midway between both soles: the pose of a robot on both feet."""
     left, right = soles
     yaw = mean_heading(left.yaw, right.yaw)
     return Foothold(0.5 * (left.x + right.x), 0.5 * (left.y + right.y), yaw, 0.5 * (left.z + right.z))

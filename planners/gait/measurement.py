@@ -1,4 +1,4 @@
-"""Measurement of a robot state for the gait: CoM, DCM and soles."""
+"""Measurement of CoM, DCM and soles from a robot state."""
 
 import math
 from typing import NamedTuple
@@ -17,9 +17,9 @@ from planners.gait.footsteps import Feet, Foothold, Place, Point
 
 Array = NDArray[np.float64]
 
-#: Least cosine of a sole's tilt that its slope is computed from [-]: that of an upturned foot is meaningless
+#: Least cosine of the tilt of a sole in the computation of its slope [-]; the slope of an upturned foot is meaningless
 _UPRIGHT_MIN = 0.1
-_LOADED = 0.05  #: Share of the weight from which a sole has a centre of pressure [-]
+_LOADED = 0.05  #: Share of the weight on a sole above which it has a centre of pressure [-]
 
 
 class Measurement(Struct, frozen=True):
@@ -30,13 +30,13 @@ class Measurement(Struct, frozen=True):
     soles: Feet
     tilts: Matrix  # slope of each sole: rise along x and along y of W (2, 2) [-]
     turning: Matrix  # angular velocity of each sole about its x and y (2, 2) [rad/s]
-    cops: Matrix  # in the frame of each sole; without load, that of the last tick with load (2, 2) [m]
+    cops: Matrix  # CoP in the frame of each sole; without load, the CoP of the last tick with load (2, 2) [m]
     loads: tuple[float, float]  # force along the normal of each sole, share of the weight [-]
-    active: tuple[bool, bool]  # contact of each foot, by the estimator
-    forces: Matrix  # on each sole, in W, share of the weight (2, 3) [-]
+    active: tuple[bool, bool]  # estimated contact of each foot
+    forces: Matrix  # force on each sole in W, share of the weight (2, 3) [-]
 
     def upright(self, foot: int) -> bool:
-        """Whether the force on a sole is within 45 degrees of the vertical; False without one."""
+        """Whether the force on a sole is within 45 degrees of the vertical; False without a force."""
         return bool(points_up(self.forces[foot]))
 
     def dcm(self, omega: float) -> Vector:
@@ -47,7 +47,7 @@ class Measurement(Struct, frozen=True):
 
 @register_jitable
 def points_up(force: Vector) -> bool:
-    """Whether a force (3,) is within 45 degrees of the vertical: from ground below, not from the side of an edge."""
+    """Whether a force (3,) is within 45 degrees of the vertical, so from ground below and not the side of an edge."""
     return bool(force[2] > 0.0 and force[2] * force[2] >= force[0] * force[0] + force[1] * force[1])
 
 
@@ -56,7 +56,7 @@ def filtered_dcm_rate(
     rate: Vector, com_before: Vector, velocity_before: Vector, com: Vector, velocity: Vector, omega: float, dt: float,
     share: float, after: Vector,
 ) -> None:  # fmt: skip
-    """Fill the DCM's rate (2,) [m/s] after ``dt`` [s], a share of the way from the last one to that of two states."""
+    """Fill the DCM rate (2,) [m/s], low-passed by ``share``, from the last rate and two states ``dt`` [s] apart."""
     for i in range(2):
         way = com[i] + velocity[i] / omega - (com_before[i] + velocity_before[i] / omega)
         after[i] = rate[i] + share * (way / dt - rate[i])
@@ -72,9 +72,9 @@ class BodyMotion(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """What a measurement says about the ground."""
+    """Contact areas and slope of the ground."""
 
-    areas: Matrix  # rectangle of each sole that bears; one without width is an edge on which the sole stands (2, 4) [m]
+    areas: Matrix  # bearing rectangle of each sole; without width, the sole stands on an edge (2, 4) [m]
     slope: Vector  # expected (2,) [-]
 
 
@@ -88,9 +88,9 @@ class _Rims(NamedTuple):
 class GaitMeasurement:
     """Evaluates robot states.
 
-    A sole on an edge is measured by that edge: its place is where it would lie flat. Its tilt is the expected slope on
-    an edge across the sole. On its rim, it is the present one turned towards the ground by ``lie_angle`` [rad]: the
-    reference of the sole follows its measured tilt, so that it lies down.
+    The place of a sole on an edge is where it would lie if turned flat about that edge. On an edge across the sole, its
+    tilt is the expected slope. On its rim, its tilt is the present one turned towards the ground by ``lie_angle``
+    [rad]. The reference of a sole follows its measured tilt, so the sole lies down.
     """
 
     def __init__(self, model: RobotModel, lie_angle: float = 0.0) -> None:
@@ -108,10 +108,10 @@ class GaitMeasurement:
         motion: Unboxed[BodyMotion] | None = None,
         ground: Ground | None = None,
     ) -> Measurement:
-        """Evaluate a state; ``last`` has the centres of pressure of soles without load.
+        """Evaluate a state; ``last`` provides the centres of pressure of soles without load.
 
-        ``motion`` is CoM and soles of this same ``state``, computed from it when None; ``ground`` that of the last
-        tick, with whole soles when None.
+        ``motion`` is CoM and soles of the same ``state``, computed from it when None. ``ground`` is the ground of the
+        last tick; level and with whole soles when None.
         """
         areas, slope = ground or self._whole
         if motion is None:
@@ -162,8 +162,8 @@ def _measure(
 ) -> tuple[Place, Place, Point]:
     """Place of each sole, and its load as a share of the ``weight`` [N].
 
-    Fills the fields ``tilts``, ``turning``, ``cops`` and ``forces`` of ``Measurement``, and CoM and its velocity
-    ``body`` (2, 3).
+    Fills the fields ``tilts``, ``turning``, ``cops`` and ``forces`` of ``Measurement``, and ``body``: CoM and its
+    velocity (2, 3).
     """
     com, velocity, poses, twists = motion.record
     rims = constants.record
@@ -195,7 +195,7 @@ def _measure(
 
 @register_jitable
 def _lie_down(pivot: float, low: float, high: float, lie: float) -> float:
-    """Change of slope along an axis of a sole that lowers it from its rim: it falls away from a low one."""
+    """Change of slope along an axis that lowers a sole from its rim; negative on the low rim."""
     return -lie if pivot == low else lie if pivot == high else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Reference of the whole-body controller from the state of a gait."""
+"""Reference of the whole-body controller, computed from the state of a gait."""
 
 import math
 
@@ -26,18 +26,18 @@ SETTLING = 0.02  #: Time constant with which the height of the CoM comes to rest
 class ReferenceBuilder:
     r"""Reference of one tick: base and torso upright at the mean heading of the feet, CoM at a height over the ground.
 
-    The ground is the plane of the expected slope through the stance sole.
+    The ground is the plane of the expected slope through the stance sole. The height h of the CoM changes slowly.
 
-    On top of that height, which changes slowly, the CoM rises over the stance foot as on a leg of fixed length
-    :math:`l`, once in every step, by ``share`` of that rise for feet :math:`d` apart along the heading:
+    Once in every step, the CoM also rises over the stance foot by a ``share`` of its rise on a leg of fixed length
+    :math:`l`, for feet :math:`d` apart along the heading:
 
     .. math:: z = h - a \cos\frac{2 \pi (t - t_{low})}{T}, \quad
         a = \min\left(\mathrm{share}\,\frac{d^2}{16 l}, \frac{T^2}{4 \pi^2} \ddot z_{max}\right)
 
-    The knee then neither bends nor stretches as much under load. In every tick the quintic from the present rise to
-    that of the coming crest or trough is followed, so that steps of another time or length leave it smooth.
+    The knee then bends and stretches less under load. At every tick, the rise follows a quintic to the next crest or
+    trough, so that it stays smooth when the time or length of a step changes.
 
-    ``under`` is each sole from the CoM in the 'stand' posture (2, 2) [m].
+    ``under`` is the position of each sole relative to the CoM in the 'stand' posture (2, 2) [m].
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig) -> None:
@@ -53,9 +53,9 @@ class ReferenceBuilder:
         self._upright = np.array([data.oMi[1].rotation, torso.rotation])  # of base and torso (2, 3, 3)
 
     def advance_body(self, state: GaitState, relief: float, omega: float, dt: float) -> BodyState:
-        """Height of the body, and of the ground under it, after one tick.
+        """Height of the body and of the ground under it after one tick.
 
-        ``relief`` is the known height of the vertical DCM now [m], ``omega`` that of the pendulum [1/s].
+        ``relief`` is the present vertical DCM on known ground [m], ``omega`` the frequency of the pendulum [1/s].
         """
         config, (left, right) = self._config, state.soles.holds
         levels, swinging = state.soles.levels, -1
@@ -108,10 +108,10 @@ class ReferenceBuilder:
         return advance_rise(state.body.rise, end, max(ahead + dt, soonest), dt)
 
     def build(self, state: GaitState, load: tuple[float, float], cmp_offset: Vector | None) -> Reference:
-        """Reference of one tick; ``load`` is the share of each foot, ``cmp_offset`` CMP minus CoP (2,) [m]."""
+        """Reference of one tick; ``load`` is the load share of each foot, ``cmp_offset`` CMP minus CoP (2,) [m]."""
         left, right = state.soles.holds
         levels, relief = state.soles.levels, state.body.relief
-        bears = 0.5 * (levels[0] + levels[1])  # what the controller measures heights from
+        bears = 0.5 * (levels[0] + levels[1])  # zero of the controller's heights
         pressed = bears if sum(load) == 0.0 else (load[0] * levels[0] + load[1] * levels[1]) / sum(load)
         if state.phase is GaitPhase.SINGLE:
             bears = pressed = levels[state.stance]
@@ -151,7 +151,7 @@ class ReferenceBuilder:
         )
 
     def build_airborne(self, airborne: AirborneState, state: RobotState, measured: Measurement) -> Reference:
-        """Reference of a robot in the air: the posture held, or on the way to standing, without any contact."""
+        """Reference of a robot in the air without contacts: holds the posture, or moves to the standing posture."""
         posture, rate = airborne.posture, self._zero
         if airborne.confirmed:
             duration, way = self._config.lift.level_time, self._posture - posture
@@ -182,7 +182,7 @@ class ReferenceBuilder:
 
 @register_jitable
 def sole_rotation(yaw: float, rise_x: float, rise_y: float, rotation: Matrix) -> None:
-    """Rotation of a sole that heads along ``yaw`` on a slope with these rises along x and y of W, into (3, 3)."""
+    """Fill the ``rotation`` (3, 3) of a sole at heading ``yaw`` on a slope with these rises along x and y of W."""
     size = math.sqrt(rise_x * rise_x + rise_y * rise_y + 1.0)
     nx, ny, nz = -rise_x / size, -rise_y / size, 1.0 / size
     c, s = math.cos(yaw), math.sin(yaw)
@@ -200,12 +200,12 @@ def _place_bodies(
     places: tuple[Place, Place], tilts: Matrix, foot: int, motion: Matrix, tilt: Vector, toe_off: ToeOff,
     upright: Matrix, rotations: Matrix, positions: Matrix, motions: Matrix, bodies: Matrix,
 ) -> None:  # fmt: skip
-    """Fill rotations and positions of the soles, their motions, and rotations of base and torso at the mean heading.
+    """Fill the poses and motions of the soles, and the rotations of base and torso at the mean heading.
 
-    These are (2, 3, 3), (2, 3) [m], velocities and accelerations (2, 2, 6), and (2, 3, 3). ``places`` are the planted
-    soles with their slopes ``tilts`` (2, 2); ``foot`` swings (-1 without one), with position, velocity and acceleration
-    x, y, z, yaw ``motion`` (3, 4) and slope ``tilt`` (2,). That of ``toe_off`` turns about its edge. ``upright`` are
-    the rotations of base and torso at heading 0 (2, 3, 3).
+    Outputs are ``rotations`` (2, 3, 3), ``positions`` (2, 3) [m], velocities and accelerations ``motions`` (2, 2, 6)
+    and ``bodies`` (2, 3, 3). ``places`` are planted soles with slopes ``tilts`` (2, 2). ``foot`` swings (-1: none) with
+    position, velocity, acceleration of x, y, z, yaw ``motion`` (3, 4) and slope ``tilt`` (2,). The foot of ``toe_off``
+    turns about its edge. ``upright`` are the rotations of base and torso at heading 0 (2, 3, 3).
     """
     first, second = places[0][3], places[1][3]
     for i in range(2):
@@ -242,7 +242,7 @@ def _place_bodies(
 def _turn_about_edge(
     toe_off: ToeOff, rotation: Matrix, position: Vector, velocity: Vector, acceleration: Vector
 ) -> None:
-    """Turn a flat sole: its rotation (3, 3) and position (3,), velocity and acceleration (6,), all in W."""
+    """Turn a flat sole in place: rotation (3, 3), position (3,), velocity and acceleration (6,), all in W."""
     turned = np.empty((3, 2))
     turned_about(toe_off.edge, toe_off.angle, toe_off.rate, toe_off.acceleration, turned)
     c, s = math.cos(toe_off.angle), math.sin(toe_off.angle)
@@ -258,7 +258,7 @@ def _turn_about_edge(
 def advance_rise(
     rise: tuple[float, float, float], end: tuple[float, float, float], left: float, dt: float
 ) -> tuple[float, float, float]:
-    """Height, rate and acceleration after ``dt`` [s] on the quintic to ``end``, ``left`` [s] ahead."""
+    """Height, rate and acceleration after ``dt`` [s] on a quintic that reaches ``end`` after ``left`` [s]."""
     return quintic_step(rise[0], rise[1], rise[2], end, left, dt)
 
 
@@ -266,9 +266,9 @@ def advance_rise(
 def approach(
     height: float, rate: float, target: float, rates: tuple[float, float], acceleration: float, dt: float
 ) -> tuple[float, float]:
-    """Height [m] and its rate after ``dt`` [s] on the way to a target, within ``rates`` [m/s] and an acceleration.
+    """Height [m] and rate [m/s] after ``dt`` [s] of motion to a target, within ``rates`` [m/s] and an acceleration.
 
-    It brakes so that it comes to rest at the target, in the end with the time constant ``SETTLING``.
+    The motion brakes to rest at the target, finally with the time constant ``SETTLING``.
     """
     missing = target - height - rate * dt  # after this tick
     way = abs(missing)
@@ -290,12 +290,12 @@ def height_in_reach(
     leg: float,
     standing: float,
 ) -> float:
-    """CoM height at which no leg is longer than ``leg``, as when the robot stands [m].
+    """CoM height at which no leg is longer than ``leg``, its length in standing [m].
 
-    The distance of a planted foot from under its hip is the measured one; of both feet, ``lean`` of the way between
-    them when the swing foot lands. ``places`` are the footholds in W [m], ``over`` is how much higher each is known to
-    be than the ground that the height counts from [m]. ``under`` is each sole from the CoM when the robot stands at
-    heading 0 (2, 2) [m], ``swinging`` is -1 without a foot in the air, ``standing`` the CoM height then [m].
+    It uses the measured horizontal distance of planted feet from their hips, and the share ``lean`` of the distance of
+    both feet at touchdown. ``places`` are the footholds in W [m], ``over`` their known heights above the ground from
+    which the CoM height counts [m]. ``under`` are the soles relative to the CoM of the robot standing at heading 0
+    (2, 2) [m], ``standing`` is its CoM height [m]. ``swinging`` is the swing foot, -1 without one.
     """
     c, s = math.cos(yaw), math.sin(yaw)
     left_x, left_y = (
@@ -321,7 +321,7 @@ def height_in_reach(
 def _advance_relief(
     relief: tuple[float, float, float], dcm: float, omega: float, acceleration: float, dt: float
 ) -> tuple[float, float, float]:
-    """Height that converges to a vertical DCM [m], its rate and acceleration [m, m/s, m/s^2] after ``dt`` [s]."""
+    """Height that converges to a vertical DCM, its rate and acceleration after ``dt`` [s] [m, m/s, m/s^2]."""
     height, before, _ = relief
     rate = min(max(omega * (dcm - height), before - acceleration * dt), before + acceleration * dt)
     return height + rate * dt, rate, (rate - before) / dt

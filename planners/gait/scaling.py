@@ -1,4 +1,4 @@
-"""The gait of a robot: that of the reference leg scaled to its legs, within what they reach and hold."""
+"""Gait of a robot: the reference gait scaled to its legs, within their reach and strength."""
 
 from dataclasses import replace
 from importlib.resources import files
@@ -28,7 +28,7 @@ Part = TypeVar("Part", StrideConfig, PaceConfig, TimingConfig, ReachConfig, Velo
 
 
 def load_gait_config(model: RobotModel) -> GaitConfig:
-    """The gait of a robot: ``gait_<name>.yaml``, or ``gait.yaml`` scaled to its legs, with ``laws`` of its profile."""
+    """Gait of a robot: ``gait_<name>.yaml``, or ``gait.yaml`` scaled to its legs, with the ``laws`` of its profile."""
     return overlaid(_packaged(model), model.profile.laws.get("gait", {}), f"{model.profile.source}: laws.gait")
 
 
@@ -43,16 +43,16 @@ def _packaged(model: RobotModel) -> GaitConfig:
 
 
 def foot_speed(model: RobotModel) -> float:
-    """Mean speed of a swing whose peak takes a leg as long as in 'stand' at the median of its joints' limits [m/s]."""
+    """Mean speed of a swing [m/s]; its peak is the median joint speed limit times the leg length in 'stand'."""
     joints = [joint - JOINTS_V for foot in model.feet for joint in foot.joint_ids_v]
     return float(np.median(model.v_max[joints])) * model.leg_length / QUINTIC_PEAK
 
 
 def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitConfig:
-    """The gait for a leg of another length and a foot of another length and width [m].
+    """Gait for a leg length and for the length and width of a foot [m].
 
-    Lengths but widths scale with the leg, times and speeds with its root; ``cross_ahead`` and ``width_min``
-    change by the difference of the feet's length and width.
+    Lengths other than widths scale with the leg length, times and speeds with its square root. ``cross_ahead`` and
+    ``width_min`` change by the difference in foot length and foot width.
     """
     length, reach = leg / config.leg, config.reach
     time = length**0.5
@@ -89,5 +89,5 @@ def _stride(stride: StrideConfig, length: float, time: float) -> StrideConfig:
 
 
 def _times(part: Part, factor: float, *names: str) -> Part:
-    """A part with some of its fields multiplied."""
+    """Part with some of its fields multiplied by a factor."""
     return replace(part, **{name: getattr(part, name) * factor for name in names})
