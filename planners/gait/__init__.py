@@ -1,1 +1,1 @@
-"""Walking: footsteps, DCM reference, step adjustment, swing feet, and the state machine over them."""
+"""Walking: footsteps, DCM reference, step adjustment, swing feet and the state machine of the gait."""

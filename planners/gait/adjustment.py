@@ -1,4 +1,4 @@
-"""Step adjustment: nominal footholds, and place and time of the next one, given the measured DCM."""
+"""Step adjustment: nominal footholds, and position and time of the next touchdown from the measured DCM."""
 
 import math
 from typing import NamedTuple
@@ -52,63 +52,63 @@ _HURRY = 0.7  #: Shortest single support of a swing to a known height, as a shar
 
 
 class Walk(Struct, frozen=True):
-    """A walk at the coming or present step."""
+    """State of a walk at the next or present step."""
 
-    stance: Foothold  #: Of the stance foot of that step
-    foot: int  #: The swing foot (0 left, 1 right)
-    liftoff: Foothold  #: Of the swing foot before the step
+    stance: Foothold  #: Foothold of the stance foot
+    foot: int  #: Swing foot (0 left, 1 right)
+    liftoff: Foothold  #: Foothold of the swing foot before the step
     command: CommandState  #: Velocity or route, and the end of the walk
-    pace: Pace  #: Of this and the coming steps
-    omega: float  #: Of the pendulum [1/s]
+    pace: Pace  #: Pace of this and the following steps
+    omega: float  #: Natural frequency of the pendulum [1/s]
     urgent: bool = False
     levels: Point = (0.0, 0.0)  #: Known heights of both feet before the step, left and right [m]
-    landing: Footstep | None = None  #: Known foothold that the foot is on its way to, whatever the command is now
+    landing: Footstep | None = None  #: Known target foothold of the foot in the air, independent of the present command
 
     @property
     def rise(self) -> float:
-        """Known height of the stance above the place that the swing foot left [m]."""
+        """Known height of the stance foot above the swing foot at lift-off [m]."""
         return self.levels[1 - self.foot] - self.levels[self.foot]
 
 
 class PlannedStep(Struct, frozen=True):
-    """A step under way."""
+    """Plan of the present step."""
 
     hold: Foothold
     time: float  #: Touchdown since lift-off [s]
-    end: Vector  #: DCM reference then, in W (2,) [m]
-    solved: bool = True  #: Otherwise this is the nominal step inside the bounds
+    end: Vector  #: DCM reference at touchdown, in W (2,) [m]
+    solved: bool = True  #: If False, this is the nominal step within the bounds
     region: Region = Region.OWN
-    via: Via | None = None  #: Corner that the foot passes on its way
+    via: Via | None = None  #: Corner that the foot passes
     cost: float = 0.0  #: Objective [-]
 
 
 class _Underway(NamedTuple):
-    """A step under way; times since its lift-off [s], as in ``StepProblem``."""
+    """Present step; times since lift-off [s], as in ``StepProblem``."""
 
-    foot: int  #: The swing foot
+    foot: int  #: Swing foot
     region: int  #: A ``Region`` as an int: numba infers the type of an enum argument in Python, which takes 20 us
-    kept: bool  #: The foot is on its way there: what it no longer reaches in time does not exclude the region
+    kept: bool  #: The last plan has this region; it stays feasible even if the foot can no longer reach it in time
     ends: bool  #: The walk ends with the previewed steps: chooses the weights
     omega: float
     elapsed: float
     planned: float
     soonest: float
     latest: float
-    lead: float  #: By which the swing ends before the touchdown [s]
+    lead: float  #: Time from the end of the swing to the touchdown [s]
 
 
 class _Nominal(NamedTuple):
-    """Nominal step under way, from ``_best_of_region`` to ``_foothold_of``; each (2,) [m]."""
+    """Nominal step, set by ``_best_of_region`` and used by ``_judge`` and ``_foothold_of``; each (2,) [m]."""
 
-    step: Vector  #: Nominal ZMP point in the stance frame, from the ZMP point of the stance
-    shift: Vector  #: From a foothold to its ZMP point, less the ZMP point of the stance
+    step: Vector  #: Nominal ZMP point in the stance frame, relative to the ZMP point of the stance
+    shift: Vector  #: Displacement from a foothold to its ZMP point, less the ZMP point of the stance
     offset: Vector  #: DCM offset at the nominal touchdown, in W
     dcm: Vector  #: ``StepProblem.dcm``
-    place: Vector  #: Of the swing foot in the stance frame
+    place: Vector  #: Position of the swing foot in the stance frame
 
 
 class _Setup(NamedTuple):
-    """Constants and memory of the adjustments, for compiled code."""
+    """Constants and work memory of the adjustments, for compiled code."""
 
     model: StepModel
     going_on: Weights
@@ -120,7 +120,7 @@ class _Setup(NamedTuple):
 
 
 class StepPlanner:
-    """Plans the step under way and the next ones."""
+    """Plans the present step and the next ones."""
 
     def __init__(self, config: GaitConfig, soles: Soles, leg: SwingLeg) -> None:
         self._config = config
@@ -147,20 +147,20 @@ class StepPlanner:
         return Foothold(x, y, yaw, walk.stance.z + rise), np.array(offset)
 
     def height_at_touchdown(self, walk: Walk) -> float:
-        """Known height of the vertical DCM at the coming touchdown, on the scale of ``walk.levels`` [m]."""
+        """Known height of the vertical DCM at the coming touchdown, with the same zero as ``walk.levels`` [m]."""
         ends = walk.command.steps_left is not None
         height = height_at_touchdown(self._coming(walk), ends, walk.omega, walk.pace)
         return walk.levels[1 - walk.foot] + height
 
     def missed(self, holds: Feet, foot: int, dcm: Vector, omega: float) -> float:
-        """Distance by which a quick step of a foot from standing misses a DCM (2,) [m]; see ``regions.missed``."""
+        """Distance [m] by which a quick step from standing misses a DCM (2,) [m]; see ``regions.missed``."""
         stance, points = holds[1 - foot], self._soles.points.tolist()
         origin = Foothold(*stance.moved(*points[1 - foot]), stance.yaw)
         place = origin.relative(*holds[foot].moved(*points[foot]))
         return missed(origin.relative(*dcm), place, foot, self._soles.half[1 - foot], omega, self._passage)
 
     def start_of_single(self, walk: Walk) -> Vector:
-        """DCM at which the coming single support begins (2,) [m]."""
+        """DCM at the start of the next single support (2,) [m]."""
         ends, liftoff = walk.command.steps_left is not None, walk.liftoff.pose
         steps, pace = self._coming(walk), walk.pace
         return np.array(_start_of_single(self._setup, steps, walk.foot, ends, walk.omega, pace, liftoff, walk.rise))
@@ -168,14 +168,14 @@ class StepPlanner:
     def adjust(
         self, walk: Walk, measured: Measurement, elapsed: float, step: PlannedStep, swing: SwingState
     ) -> PlannedStep:
-        """The best step, ``elapsed`` [s] after its lift-off; ``step`` is the last plan, at lift-off the nominal one.
+        """Best step, ``elapsed`` [s] after lift-off; ``step`` is the last plan, at lift-off the nominal step.
 
-        Of an urgent step, every region is tried. Another one than that of the last plan must be better by
+        For an urgent step, all regions are evaluated. A region other than that of the last plan must be better by
         ``adjustment.switch``.
         """
         config, steps, omega, dcm = self._config, self._coming(walk), walk.omega, measured.dcm(walk.omega)
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
-        # Less than any step without a trip; not put off again and again by a foot that stays caught.
+        # Not active in a step without a trip; limited, so that repeated trips do not delay the touchdown indefinitely.
         tripped = min(swing.rising_until + config.swing.trip_landing, config.timing.single_max)
         soonest = max(single_min, elapsed + config.swing.freeze, _HURRY * float(steps[1]["time"]), tripped)
         latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
@@ -190,7 +190,7 @@ class StepPlanner:
                 continue
             at = _Underway(walk.foot, int(region), kept, ends, omega, elapsed, step.time, soonest, latest, lead)
             z = np.empty(5)
-            for _ in range(2):  # straight, then round the stance foot where it is in the way
+            for _ in range(2):  # straight, then round the stance foot if it is in the path
                 value = _best_of_region(self._setup, steps, at, walk.pace, dcm, motion, body, corner, room, z)
                 blocked, missed = _judge(self._setup, at, z)
                 if math.isnan(blocked[0]) or not math.isnan(corner[0]):
@@ -214,11 +214,11 @@ class StepPlanner:
         return PlannedStep(hold, time, end, solved, region, via, least)
 
     def _room(self, walk: Walk) -> Matrix:
-        """Least and largest place of the swing sole on its tread in the stance frame (2, 2) [m]."""
+        """Bounds of the position of the swing sole on its tread, in the stance frame (2, 2) [m]."""
         return bounds_in(walk.stance, walk.landing.hold, walk.landing.tread) if walk.landing else ANYWHERE
 
     def _coming(self, walk: Walk) -> Preview:
-        """The present stance and the coming footholds (1 + steps,)."""
+        """Present stance and coming footholds (1 + steps,)."""
         count, command, stance, level = self._config.preview, walk.command, walk.stance, walk.levels[1 - walk.foot]
         if command.route.steps:
             ahead = zip(command.route.steps, command.route.ahead(stance, count, self._limits, level), strict=False)
@@ -250,7 +250,7 @@ def _start_of_single(
 ) -> Point:
     """``StepPlanner.start_of_single``; arguments as for ``previewed_offset``.
 
-    ``liftoff`` of the swing foot is below the stance by a known ``rise`` [m].
+    The swing foot lifts off at ``liftoff``, which is below the stance by the known ``rise`` [m].
     """
     model = setup.record.model
     stance, next_hold = steps[0], steps[1]
@@ -278,10 +278,10 @@ def _best_of_region(
     room: Matrix,
     z: Vector,
 ) -> float:
-    """``best_step`` of a step under way in a region, in the stance frame, and its nominal step.
+    """``best_step`` of the present step in a region, in the stance frame; sets the nominal step in ``setup``.
 
-    ``steps`` are those of ``previewed_offset``, ``measured`` is the DCM in W (2,) [m]; ``corner`` is that of
-    ``corner_between``, ``room`` bounds the foothold in the stance frame (2, 2) [m].
+    For ``steps`` see ``previewed_offset``, for ``corner`` see ``corner_between``. ``measured`` is the DCM in W
+    (2,) [m], ``room`` bounds the foothold in the stance frame (2, 2) [m].
     """
     fixed, nominal = setup.record, setup.record.nominal
     model, motion = fixed.model, swing[0]
@@ -309,13 +309,13 @@ def _best_of_region(
         nominal.step[i], nominal.shift[i], nominal.offset[i] = hold[i] + shift, shift, offset[i]
         dcm_free[i], end[i] = free[i], turned[i]
         least, most = max(reach[0, i], room[0, i]), min(reach[1, i], room[1, i])
-        if least > most:  # out of reach: as near as it gets
+        if least > most:  # out of reach: the nearest point
             least = most = min(max(room[0, i], reach[0, i]), reach[1, i])
         lower[i], upper[i] = least + shift, most + shift
         at = corner[i] if rounds else swing_place[i]
         place[i] = at + shift
         nominal.dcm[i], nominal.place[i] = free[i], swing_place[i]
-        # At a corner the foot may also be slower.
+        # At a corner the foot may also pass slower.
         velocities[i, 0] = min(moving[i], 0.0) if rounds else moving[i]
         velocities[i, 1] = max(moving[i], 0.0) if rounds else moving[i]
     problem = StepProblem(
@@ -342,7 +342,7 @@ def _best_of_region(
 
 @njit(cache=True)
 def _judge(setup: Unboxed[_Setup], step: _Underway, z: Vector) -> tuple[Point, float]:
-    """The corner that the straight way to a solution cuts, and how far the next step misses the DCM then [m]."""
+    """Corner that the straight path to a solution cuts, and distance by which the step after it misses the DCM [m]."""
     fixed, foot, omega = setup.record, step.foot, step.omega
     nominal, stance = fixed.nominal, 1 - step.foot
     place, target = nominal.place, z[:2] - nominal.shift

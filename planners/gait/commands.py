@@ -17,29 +17,29 @@ from planners.gait.speed import SpeedTrim
 
 
 class VelocityCommand:
-    """Newest velocity (forward, left [m/s], turn [rad/s]) of a source; zero after a silence of ``timeout`` [s]."""
+    """Newest velocity (forward, left [m/s], turn [rad/s]) of a source; zero ``timeout`` [s] after the last message."""
 
     def __init__(self, timeout: float) -> None:
         self._timeout = timeout
         self.forget()
 
     def forget(self) -> None:
-        """Zero velocity, and no repetition expected."""
+        """Set the velocity to zero; no repetition is expected."""
         self.velocity, self._until = STILL, float("inf")
         self._superseded: Velocity | None = None
 
     def supersede(self) -> None:
-        """Another command moves the robot: this velocity is ignored until its value changes."""
+        """Another command moves the robot; ignore this velocity until its value changes."""
         self._superseded, self.velocity = self.velocity, STILL
 
     def repeat(self, velocity: Velocity, t: float) -> None:
-        """Accept a velocity with the stamp of now [s]; the source repeats it within ``timeout``."""
+        """Accept a velocity at the present stamp [s]; the source must repeat it within ``timeout``."""
         if velocity != self._superseded:
             self._superseded, self.velocity = None, velocity
         self._until = t + self._timeout
 
     def lapsed(self, t: float) -> bool:
-        """Whether the timeout has just passed at a stamp [s]; true once, and the velocity is zero from then on."""
+        """Whether the timeout has passed at a stamp [s]; true once, and sets the velocity to zero."""
         if t <= self._until:
             return False
         self.forget()
@@ -49,16 +49,16 @@ class VelocityCommand:
 class CommandState(Struct, frozen=True):
     """Command of a walk."""
 
-    target: Velocity = STILL  # within the limits of size
-    velocity: Velocity = STILL  # the same within the limits of acceleration, for the present step
+    target: Velocity = STILL  # commanded velocity, within the velocity limits
+    velocity: Velocity = STILL  # velocity of the present step, within the acceleration limits
     muted: bool = False  # velocities are ignored until zero is commanded once
-    route: Route = Route()  # footsteps that replace those of the velocity
-    steps_left: int | None = None  # touchdowns until the walk ends; None to walk on
+    route: Route = Route()  # footsteps that replace the footsteps of the velocity
+    steps_left: int | None = None  # touchdowns until the walk ends; None if it continues
     trim: SpeedTrim = SpeedTrim()
 
     @property
     def asked(self) -> Velocity:
-        """The velocity whose nominal steps make the present one."""
+        """Velocity of the nominal steps that result in the present velocity."""
         return self.trim.of(self.velocity)
 
     @property
@@ -74,12 +74,12 @@ class CommandState(Struct, frozen=True):
 
     @property
     def over(self) -> bool:
-        """Whether the last touchdown was that of the last step."""
+        """Whether the last step has touched down."""
         return self.steps_left is not None and self.steps_left <= 0
 
     @property
     def first_foot(self) -> int:
-        """The foot that makes the first step: that of the route, or the one on the side of the velocity."""
+        """Foot of the first step: the first foot of the route, or the foot on the side of the velocity."""
         if self.route.steps:
             return self.route.foot
         _, left, turn = self.target
@@ -87,13 +87,13 @@ class CommandState(Struct, frozen=True):
         return LEFT if lean >= 0.0 else RIGHT
 
     def stopped(self, reason: str, *, muted: bool = False) -> CommandState:
-        """Without velocity and route; the velocity of the present step slows down unless muted."""
+        """State without target and route; the velocity of the present step decreases gradually unless muted."""
         steps_left = None if self.route.steps else self.steps_left
         velocity = STILL if muted else self.velocity
         return CommandState(STILL, velocity, muted or self.muted, self.route.ended(reason), steps_left)
 
     def counted(self, steps_left: int | None) -> CommandState:
-        """With another number of touchdowns until the walk ends."""
+        """State with a new number of touchdowns until the walk ends."""
         return structs.replace(self, steps_left=steps_left)
 
 
@@ -127,7 +127,7 @@ class Commands:
         foot: int | None,
         current: Footstep | None = None,
     ) -> CommandState:
-        """Begin a route from ``soles`` to a pose of their middle; ``foot`` steps next, None for either."""
+        """Start a route from ``soles`` after ``current`` to a pose of their middle; ``foot`` is next (None: either)."""
         steps = plan_to_pose(goal, soles, self._config, foot)
         if current is not None:
             steps.insert(0, current)
@@ -143,9 +143,9 @@ class Commands:
         stance: int,
         kept: int = 0,
     ) -> CommandState:
-        """Begin listed footsteps from soles of these known ``levels`` [m], after the next ``kept`` ones of the route.
+        """Start listed footsteps from soles at known ``levels`` [m], after the next ``kept`` footsteps of the route.
 
-        Heights count from the ``stance`` sole. See ``check_footsteps`` for refusals.
+        Heights are relative to the ``stance`` sole. See ``check_footsteps`` for errors.
         """
         datum = soles[stance].z - levels[stance]
         before = state.route.steps[:kept]
@@ -157,9 +157,9 @@ class Commands:
         return structs.replace(state, route=route, target=STILL, velocity=STILL)
 
     def advance(self, state: CommandState, stepping: bool, dt: float, longest: float = math.inf) -> CommandState:
-        """Advance the velocity by dt [s]; while ``stepping``, count down the last two steps after a command of zero.
+        """Advance the velocity by ``dt`` [s]; after a zero command while ``stepping``, two more steps are taken.
 
-        The steps of the velocity are not longer than ``longest`` [m].
+        The steps of the velocity are at most ``longest`` [m] long.
         """
         if state.route.steps:
             return state.counted(state.route.left if state.route.left <= self._config.preview else None)
@@ -176,7 +176,7 @@ class Commands:
         )
 
     def landed(self, state: CommandState, soles: Sequence[Foothold]) -> CommandState:
-        """After a touchdown, with the soles there now."""
+        """State after a touchdown, with the present soles."""
         if state.route.steps:
             route = state.route.landed(soles, self._config)
             return structs.replace(state, route=route, steps_left=route.left)
@@ -184,7 +184,7 @@ class Commands:
 
 
 def limited(velocity: Velocity, limits: VelocityConfig) -> Velocity:
-    """A velocity within the limits of size."""
+    """Velocity clipped to the velocity limits."""
     forward, left, turn = velocity
     return (
         min(max(forward, -limits.backward), limits.forward),
@@ -194,7 +194,7 @@ def limited(velocity: Velocity, limits: VelocityConfig) -> Velocity:
 
 
 def exceeded(velocity: Velocity, limits: VelocityConfig, causes: Mapping[str, str]) -> dict[str, str]:
-    """How components of a velocity exceed the limits, for people, by their names; ``causes`` are by that of a limit."""
+    """Texts about components of a velocity that exceed the limits, by component; ``causes`` are by limit name."""
     kept, found = limited(velocity, limits), {}
     names = "forward" if velocity[0] >= 0.0 else "backward", "lateral", "turn"
     parts = zip(("forward", "left", "turn"), ("m/s", "m/s", "rad/s"), names, velocity, kept, strict=True)
@@ -206,7 +206,7 @@ def exceeded(velocity: Velocity, limits: VelocityConfig, causes: Mapping[str, st
 
 
 def approached(velocity: Velocity, target: Velocity, limits: VelocityConfig, dt: float) -> Velocity:
-    """A velocity after a time [s] of change toward a target, within the limits of acceleration."""
+    """Velocity after a time [s] of change toward a target, within the acceleration limits."""
     linear, turning = limits.acceleration * dt, limits.turn_acceleration * dt
     (vx, vy, turn), (target_x, target_y, target_turn) = velocity, target
     return (

@@ -1,4 +1,4 @@
-"""Contact of the soles: planted footholds, expected ground, and a robot off the floor."""
+"""Contact of the soles: planted footholds, expected ground, and detection of a robot off the floor."""
 
 import math
 from statistics import median
@@ -29,45 +29,45 @@ from planners.gait.footsteps import (
 from planners.gait.measurement import Measurement
 from planners.gait.route import Footstep
 
-Extents = tuple[float, float, float]  #: Along the normals of the hull of both soles, a pair of edges each [m]
+Extents = tuple[float, float, float]  #: Extents of the hull of both soles along the normals of its edges [m]
 
 
 class AnchorLimits(NamedTuple):
-    """How planted soles follow the measured ones."""
+    """Parameters with which planted soles follow the measured ones."""
 
     load: float  # least share of the weight on a sole that is followed [-]
-    time: float  # in which its place follows [s]
-    slope_time: float  # in which its slope follows [s]
-    settle_time: float  # the same after its landing [s]
+    time: float  # time constant of its place [s]
+    slope_time: float  # time constant of its slope [s]
+    settle_time: float  # time constant of its slope after its landing [s]
 
 
 class SoleState(Struct, frozen=True):
-    """Planted soles, and the ground expected under the next landing."""
+    """Planted soles, and the ground expected at the next landing."""
 
     holds: Feet  # planned pose of each sole, or the target of the swing foot
     tilts: Matrix  # slope of the ground under each planted sole: rise along x and along y of W (2, 2) [-]
     slope: Vector  # expected at the next landing (2,) [-]
-    rise: tuple[float, float]  # expected height of each foot's landing above the plane of the stance sole [m]
+    rise: tuple[float, float]  # expected landing height of each foot above the plane of the stance sole [m]
     samples: Matrix  # slopes of the last soles in single support, oldest first (n, 2) [-]
     measured: Feet  # soles of the last tick
-    levels: Point = (0.0, 0.0)  # known height of the ground under each foot [m]; that under the stance foot if felt
+    levels: Point = (0.0, 0.0)  # known ground height under each foot [m]; on unknown ground, that of the stance foot
     roughness: float = 0.0  # height by which the ground differs from the expected one [m]
-    landing: Footstep | None = None  # of the foot in the air, if its height is known; on the scale of ``levels``
+    landing: Footstep | None = None  # footstep of the foot in the air, if its height is known; same zero as ``levels``
 
     def ground(self) -> float:
-        """Mean height [m]."""
+        """Mean height of the footholds [m]."""
         return 0.5 * (self.holds[0].z + self.holds[1].z)
 
     def landing_level(self, foot: int) -> float:
-        """Known height of the ground on which a foot lands [m]."""
+        """Known height of the ground at the landing of a foot [m]."""
         return self.levels[1 - foot] if self.landing is None else self.landing.hold.z
 
 
 class Soles:
-    """Geometry of the soles, and how footholds and ground follow the measurement.
+    """Geometry of the soles, and update of footholds and ground from the measurement.
 
-    ``centres`` are the middles of the soles and ``half`` their half sizes, ``points`` the ZMP points of single support,
-    in the frames of the soles, each (2, 2) [m].
+    ``centres`` are the centres of the soles, ``half`` their half sizes and ``points`` the ZMP points of single support,
+    each in the frames of the soles (2, 2) [m].
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig) -> None:
@@ -90,71 +90,71 @@ class Soles:
         return self.point_of(stance, soles.holds[stance])
 
     def middle(self, holds: Feet) -> Vector:
-        """Half-way between the middles of both soles (2,) [m]."""
+        """Midpoint between the centres of both soles (2,) [m]."""
         left, right = (hold.moved(*centre) for hold, centre in zip(holds, self.centres.tolist(), strict=True))
         return np.array((0.5 * (left[0] + right[0]), 0.5 * (left[1] + right[1])))
 
     def nearest(self, holds: Feet, dcm: Vector) -> int:
-        """The foot with the ZMP point nearer to a DCM (2,) [m]."""
+        """Foot whose ZMP point is nearer to a DCM (2,) [m]."""
         left, right = (float(np.linalg.norm(dcm - self.point_of(foot, holds[foot]))) for foot in range(2))
         return 0 if left < right else 1
 
     def standing_support(self, holds: Feet, dcm: Vector) -> tuple[Extents, Extents]:
         """Distance of a DCM from the middle of the hull of both soles along its normals, and half its extents [m].
 
-        The soles count as if both had their mean heading. Then the hull has six edges, in pairs: along that heading,
+        Both soles are assumed to have their mean heading. The hull then has three pairs of edges: along that heading,
         across it, and along the line from foot to foot.
         """
         places, half = _standing_support(holds[0].pose, holds[1].pose, dcm, self.centres, self.half)
         return places, half
 
     def beyond_standing(self, holds: Feet, dcm: Vector) -> bool:
-        """Whether a DCM (2,) is so near to the edge of the hull of both soles that standing cannot recover."""
+        """Whether a DCM (2,) is too close to the edge of the hull of both soles to recover without a step."""
         share, (places, half) = self._config.step_share, self.standing_support(holds, dcm)
         return any(place > share * extent for place, extent in zip(places, half, strict=True))
 
     def astride(self, holds: Feet, allowed: float) -> bool:
-        """Whether one sole is farther from its place in the nominal stance than ``allowed`` [m]."""
+        """Whether a sole is more than ``allowed`` [m] from its place in the nominal stance."""
         left, right = holds
         forward, side = Foothold(right.x, right.y, middle(holds).yaw).relative(left.x, left.y)
         return math.hypot(forward, side - self._config.reach.width) > allowed
 
     def shares(self, holds: Feet, zmp: Vector) -> tuple[float, float]:
-        """Share of the weight on each foot for a ZMP (2,) between their points."""
+        """Share of the weight on each foot for a ZMP (2,) [m] between their ZMP points."""
         left, right = self.point_of(0, holds[0]), self.point_of(1, holds[1])
         way = right - left
         share = min(max(float((zmp - left) @ way / (way @ way)), 0.0), 1.0)
         return 1.0 - share, share
 
     def planted(self, measured: Measurement) -> SoleState:
-        """Both feet planted where they are measured."""
+        """State with both feet planted at their measured places."""
         slope = measured.tilts.mean(axis=0)
         samples = np.tile(slope, (self._config.ground.slope_steps, 1))
         return SoleState(measured.soles, measured.tilts, slope, (0.0, 0.0), samples, measured.soles)
 
     def landing_height(self, soles: SoleState, foot: int, measured: Measurement) -> float:
-        """Height at which a foot is expected to land on its foothold [m].
+        """Expected landing height of a foot on its foothold [m].
 
-        The plane of the expected slope through the stance sole, and as far above or below it as at the last landings:
-        errors of the estimated inclination and of encoder offsets make a foot land early or late in the same way at
-        every step. Where the ground is known, it takes the place of that plane.
+        It is the plane of the expected slope through the stance sole (or the known ground) plus the offset learned from
+        the last landings: errors of the estimated inclination and of encoder offsets make a foot land early or late by
+        the same amount at every step.
         """
         return _ground(soles, foot, soles.holds[foot], measured) + soles.rise[foot]
 
     def expected_slope(self, soles: SoleState) -> Vector:
-        """Slope of the ground on which the foot in the air lands (2,) [-]."""
+        """Slope of the ground at the landing of the foot in the air (2,) [-]."""
         known = None if soles.landing is None else soles.landing.tread
         return soles.slope if known is None else np.array(known.slope)
 
     def landed(self, soles: SoleState, foot: int, measured: Measurement, *, flat: bool = True) -> SoleState:
-        """After the touchdown of a foot, at its measured place.
+        """State after the touchdown of a foot, at its measured place.
 
-        The expected height follows by a bounded step: a repeated error adds up, a single bump hardly counts. Of the
-        error of a known height ``drift_share`` is taken for a drift of the estimate, which moves all that follow; the
-        rest is this foothold's own. If all were drift, an error would come back with every plan that is made of
-        heights in W and begins after footsteps of the last one. The expected slope is the median of the last soles in
-        single support. The other sole does not count now unless it is ``flat``: on an edge, the expected slope is taken
-        for its own.
+        The expected height changes by a bounded step: a repeated error accumulates, a single bump has little effect.
+        The share ``drift_share`` of the error of a known height is attributed to drift of the estimate, which shifts
+        all following heights; the rest is an error of this foothold only. If all of it were drift, the error would
+        return with every plan that has heights in W and begins after footsteps of the last plan. The expected slope is
+        the median of the last soles in single support. The other sole is included only if it is ``flat``: on an edge,
+        its tilt is the expected slope.
         """
         config, ground, sole = self._config.swing, self._config.ground, measured.soles[foot]
         error = sole.z - _ground(soles, foot, sole, measured)
@@ -179,15 +179,15 @@ class Soles:
         )
 
     def tripped(self, soles: SoleState) -> SoleState:
-        """After a foot was caught by what it was to pass over."""
+        """State after a foot has tripped over an obstacle."""
         return structs.replace(soles, roughness=self._rougher(soles.roughness, self._config.ground.rough_trip))
 
     def _rougher(self, before: float, height: float) -> float:
-        """Roughness after one more sample [m]: the largest of the last ones, bounded."""
+        """Roughness after a new sample [m]: maximum of both, bounded."""
         return min(max(before, height), self._config.ground.rough_max)
 
     def standing_on(self, soles: SoleState, stance: int, measured: Measurement) -> SoleState:
-        """In single support: the expected slope with that of the ``stance`` sole as the last sample."""
+        """State in single support, with the slope of the ``stance`` sole as the last sample of the expected slope."""
         samples = np.vstack([soles.samples[1:], measured.tilts[stance]])
         return structs.replace(soles, slope=self._expected_slope(samples))
 
@@ -199,11 +199,11 @@ class Soles:
     def followed(
         self, soles: SoleState, measured: Measurement, swinging: int | None, landed: int | None, dt: float
     ) -> tuple[SoleState, Point]:
-        """One tick: footholds move with the drift; planted ones, and their slopes, approach the loaded soles.
+        """State after one tick, and drift in W [m].
 
-        The drift in W [m] is the translation of the ``common_motion`` of the loaded soles since the last tick; it is
-        returned too.
-        ``swinging`` is None in double support; ``landed`` is the foot that has just landed and settles on the ground.
+        Footholds move with the drift, the translation of the ``common_motion`` of the loaded soles since the last tick.
+        Planted footholds and their slopes also approach the loaded soles. ``swinging`` is None in double support;
+        ``landed`` is the foot that has just landed and settles on the ground.
         """
         (old_left, old_right), (left, right), (hold_left, hold_right) = soles.measured, measured.soles, soles.holds
         tilts = soles.tilts.copy()
@@ -236,7 +236,7 @@ def _follow(
     slopes: Matrix,
     tilts: Matrix,
 ) -> tuple[Place, Place, Point]:
-    """``Soles.followed`` from the last and present poses of the soles; moves ``tilts`` towards ``slopes`` (2, 2)."""
+    """``Soles.followed`` for the last and present poses of the soles; moves ``tilts`` towards ``slopes`` (2, 2)."""
     anchor = limits.record
     planted = (0.0 if swinging == 0 else loads[0], 0.0 if swinging == 1 else loads[1])
     _, (x, y, _) = common_motion(old, new, planted, anchor.load)
@@ -260,7 +260,7 @@ def _follow(
 
 @njit(cache=True)
 def _standing_support(left: Pose, right: Pose, dcm: Vector, centres: Matrix, half: Matrix) -> tuple[Extents, Extents]:
-    """``Soles.standing_support`` of the poses of the soles."""
+    """``Soles.standing_support`` for the poses of the soles."""
     first = point_at(left[0], left[1], left[2], centres[0, 0], centres[0, 1])
     second = point_at(right[0], right[1], right[2], centres[1, 0], centres[1, 1])
     x, y, yaw = 0.5 * (first[0] + second[0]), 0.5 * (first[1] + second[1]), mean_heading(left[2], right[2])
@@ -273,7 +273,7 @@ def _standing_support(left: Pose, right: Pose, dcm: Vector, centres: Matrix, hal
 
 
 def _ground(soles: SoleState, foot: int, hold: Foothold, measured: Measurement) -> float:
-    """Height of the ground at a foothold: that of its tread above the other sole, or of the expected slope [m]."""
+    """Height of the ground at a foothold [m], from its tread relative to the other sole, or from the expected slope."""
     landing = soles.landing
     if landing is None or landing.tread is None:
         return _plane(soles.slope, foot, hold, measured)
@@ -281,7 +281,7 @@ def _ground(soles: SoleState, foot: int, hold: Foothold, measured: Measurement) 
 
 
 def _plane(slope: Vector, foot: int, hold: Foothold, measured: Measurement) -> float:
-    """Height at a foothold of the plane with this slope through the other sole [m]."""
+    """Height of the plane with this slope through the other sole, at a foothold [m]."""
     stance = measured.soles[1 - foot]
     return stance.z + float(slope[0]) * (hold.x - stance.x) + float(slope[1]) * (hold.y - stance.y)
 
@@ -289,20 +289,20 @@ def _plane(slope: Vector, foot: int, hold: Foothold, measured: Measurement) -> f
 class AirborneState(Struct, frozen=True):
     """Whether the robot is off the floor."""
 
-    posture: Vector  # joint positions at the moment of ``active`` (nj,) [rad]
+    posture: Vector  # joint positions when ``active`` became true (nj,) [rad]
     active: bool = False  # no foot bears load, so the posture is held
-    confirmed: bool = False  # that has lasted so long that the walk is over
-    time: float = 0.0  # duration of the contacts that count toward the next change [s]
-    since: float = 0.0  # time since the last of these [s]
+    confirmed: bool = False  # ``active`` has lasted for ``up_time``, so the walk is over
+    time: float = 0.0  # duration of the contacts that lead to the next change [s]
+    since: float = 0.0  # time since ``confirmed`` [s]
 
 
 class AirborneDetector:
     """Detects that neither foot bears load, and that the robot is put down again.
 
-    A stance leg meets no resistance in the air: its hip turns at 10 rad/s within 20 ms. The posture is therefore held
-    after ``float_time``, before the lift is confirmed; if a foot bears load before ``up_time``, the gait continues.
-    A lifted robot slowly returns to the standing posture, in which it can be put down: with one foot ahead of the
-    other and higher, its weight would come to lie beside them.
+    A stance leg has no resistance in the air: its hip reaches 10 rad/s within 20 ms. The posture is therefore held
+    after ``float_time``, before the lift is confirmed. If a foot bears load before ``up_time``, the gait continues.
+    A lifted robot slowly returns to the standing posture, in which it can be put down. With one foot ahead of the
+    other and higher, its CoM would not be above the feet.
     """
 
     def __init__(self, model: RobotModel, config: LiftConfig) -> None:
@@ -312,7 +312,7 @@ class AirborneDetector:
     def update(
         self, airborne: AirborneState, bearing: tuple[bool, bool], joints: Vector, dt: float
     ) -> tuple[AirborneState, bool]:
-        """One tick: the new state, and whether the robot has just been put down."""
+        """State after one tick, and whether the robot has just been put down."""
         config, posture, active = self._config, airborne.posture, airborne.active
         counts = all(bearing) if airborne.confirmed else not any(bearing)
         time, since = airborne.time + dt if counts else 0.0, airborne.since + dt

@@ -1,4 +1,4 @@
-"""The gait: lift-off and touchdown of the feet, and the reference of the whole body."""
+"""Gait planner: lift-off and touchdown of the feet, and the whole-body reference."""
 
 import math
 from collections.abc import Sequence
@@ -31,8 +31,8 @@ from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest,
 from planners.gait.strength import leg_limits
 
 _STILL = np.zeros(2)  #: Rate of a DCM at rest [m/s]
-_ON_FLOOR = 0.01  #: Height of a sole above its foothold up to which it is on the floor [m]
-_SWAP_ADVANTAGE = 0.01  #: Advantage that the foot nearer to the DCM needs to swing in place of the other one [m]
+_ON_FLOOR = 0.01  #: Largest height of a sole on the floor above its foothold [m]
+_SWAP_ADVANTAGE = 0.01  #: Least reduction of the missed distance for which the stance foot is changed [m]
 
 
 class GaitPlanner:
@@ -40,11 +40,11 @@ class GaitPlanner:
 
         stand -> start -> single <-> double -> finish -> stand
 
-    A single support ends with the measured contact, early or late, never by time alone. In every phase
-    the DCM reference is the closed form that ends where the coming steps need it (``dcm.py``).
+    A measured contact ends a single support, early or late; time alone never does. In every phase, the DCM reference is
+    a closed form whose final value is the start of the coming steps (``dcm.py``).
 
-    ``state`` holds everything that the next tick depends on, beside its inputs. The laws of the other modules take its
-    parts and return new ones; only this class and ``SingleSupport`` store them. Construction compiles all kernels.
+    The next tick depends only on ``state`` and its inputs. The laws of the other modules take parts of the state and
+    return new ones; only this class and ``SingleSupport`` store them. Construction compiles all kernels.
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig | None = None) -> None:
@@ -66,12 +66,12 @@ class GaitPlanner:
 
     @property
     def stance(self) -> int:
-        """The present or coming stance foot (0 left, 1 right)."""
+        """Present or next stance foot (0 left, 1 right)."""
         return self.state.stance
 
     @property
     def steps(self) -> int:
-        """Touchdowns so far."""
+        """Number of touchdowns."""
         return self.state.steps
 
     @property
@@ -81,17 +81,17 @@ class GaitPlanner:
 
     @property
     def route(self) -> Route:
-        """Footsteps that replace those of a velocity."""
+        """Footsteps that replace the footsteps of a velocity."""
         return self.state.command.route
 
     @property
     def trips(self) -> int:
-        """Trips of a swing foot so far."""
+        """Number of trips of a swing foot."""
         return self.state.swing.trips
 
     @property
     def walking(self) -> bool:
-        """Whether steps are being taken, or the weight is on its way back to the middle."""
+        """Whether the robot takes steps, or returns the weight to the middle."""
         return self.phase is not GaitPhase.STAND
 
     @property
@@ -108,22 +108,22 @@ class GaitPlanner:
 
     @cached_property
     def limits(self) -> dict[str, str]:
-        """What limits crouch and velocity beside the configuration; see ``leg_limits``."""
+        """Limits of crouch and velocity that the legs determine; see ``leg_limits``."""
         return leg_limits(self.model, self.config)
 
     def exceeded(self, velocity: Velocity) -> dict[str, str]:
-        """How a velocity exceeds the limits, for people, by the name of the component."""
+        """Texts about the components of a velocity that exceed the limits, by component."""
         return exceeded(velocity, self.config.velocity, self.limits)
 
     def reset(self, state: RobotState) -> None:
-        """Start over from a robot that stands on both feet."""
+        """Reset to a robot that stands on both feet."""
         self._stand(self._sensors.measure(state, self.state.measured))
         self.state.steps = 0
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
         """Command a velocity of the body [m/s, m/s, rad/s], clipped to the limits; ``CommandError`` if not finite.
 
-        Zero stands still, but does not affect a route; any other velocity ends it. After the robot was lifted,
+        Zero stops the walk but does not affect a route; any other velocity ends a route. After the robot was lifted,
         velocities are ignored until zero is commanded once.
         """
         self.state.command = self._commands.set_velocity(self.state.command, (forward, left, turn))
@@ -133,12 +133,12 @@ class GaitPlanner:
         self.state.command = self.state.command.stopped("stopped")
 
     def end_route(self, reason: str) -> None:
-        """Drop the remaining footsteps; ``reason`` becomes the route's outcome."""
+        """Discard the remaining footsteps; ``reason`` becomes the outcome of the route."""
         command = self.state.command
         self.state.command = structs.replace(command, route=command.route.ended(reason))
 
     def walk_to(self, goal: Foothold) -> None:
-        """Walk to a pose of the middle between the soles, in W, and stand there; see ``plan_to_pose`` for refusals."""
+        """Walk to a pose of the middle between the soles, in W, and stand there; see ``plan_to_pose`` for errors."""
         foot, current = None, None
         if self.phase is GaitPhase.SINGLE:
             foot, current = self.stance, Footstep(1 - self.stance, self.footholds[1 - self.stance])
@@ -147,10 +147,10 @@ class GaitPlanner:
         self.state.command = self._commands.walk_to(self.state.command, goal, self.footholds, foot, current)
 
     def take_steps(self, steps: Sequence[Footstep], after: int | None = None) -> None:
-        """Take footsteps, and stand there; ``UnreachableError`` as their check.
+        """Take footsteps, and stand at their end; see ``check_footsteps`` for ``UnreachableError``.
 
-        They begin from standing; with ``after`` they replace those of a route under way that follow the touchdown of
-        that number, counted as ``steps``. ``CommandError`` when the robot walks otherwise, or has gone on.
+        They start from standing. With ``after``, they replace the footsteps of the route after the touchdown of that
+        number (see ``steps``). ``CommandError`` if the robot walks without ``after`` or that touchdown is not ahead.
         """
         command, soles, holds = self.state.command, self.state.soles, self.footholds
         if after is None:
@@ -169,18 +169,18 @@ class GaitPlanner:
         self.state.command = self._commands.take_steps(command, steps, holds, soles.levels, stance, kept)
 
     def soles_after(self, count: int) -> Feet:
-        """Left and right sole after the next ``count`` footsteps of the route, with their heights in W."""
+        """Left and right sole after the next ``count`` footsteps of the route, with heights in W."""
         soles, stance = self.state.soles, self.stance
         return soles_after(self.route.steps[:count], soles.holds, soles.holds[stance].z - soles.levels[stance])
 
     def step(
         self, state: RobotState, dt: float, rest: Rest | None = None, motion: Unboxed[BodyMotion] | None = None
     ) -> Reference:
-        """One tick, ``dt`` [s] after the last one: reference of the whole-body controller.
+        """Advance by one tick of ``dt`` [s]; returns the reference of the whole-body controller.
 
-        ``rest`` is how the robot stands while it takes no steps; over the middle of the soles when None. While it
-        stands still, the reference is that of ``rest`` on the part of the soles that bears load. ``motion`` is CoM and
-        soles of this same ``state``, computed from it when None.
+        ``rest`` is the stance of the robot while it takes no steps; over the middle of the soles when None. While the
+        robot stands still, ``rest.standing`` is the reference, on the bearing areas of the soles. ``motion`` is CoM and
+        soles of the same ``state``, computed from it when None.
         """
         gait = self.state
         before = gait.measured
@@ -233,14 +233,14 @@ class GaitPlanner:
         return self._builder.build(gait, loads, cmp_offset)
 
     def _follow_soles(self, swinging: int | None, dt: float) -> None:
-        """Move the whole plan with the loaded soles: their estimated pose in W drifts."""
+        """Shift the whole plan with the loaded soles, whose estimated pose in W drifts."""
         gait, measured = self.state, self.state.measured
         landed = gait.stance if gait.phase is GaitPhase.DOUBLE else None
         gait.soles, (x, y) = self._soles.followed(gait.soles, measured, swinging, landed, dt)
         gait.dcm = gait.dcm.shifted(np.array((x, y)))
         if gait.phase.stepping:
             gait.step = gait.step.shifted(x, y)
-        if swinging is not None:  # the next lift-off sets it
+        if swinging is not None:  # otherwise the next lift-off sets the swing
             gait.swing = gait.swing.shifted(x, y)
 
     def _in_stand(self, dt: float) -> None:
@@ -258,7 +258,7 @@ class GaitPlanner:
             self._begin()
         elif gait.recovering:
             gait.recovering = False
-            if self._soles.astride(gait.soles.holds, self.config.astride):  # no stance to stay in
+            if self._soles.astride(gait.soles.holds, self.config.astride):  # too far from the nominal stance
                 self._begin()
 
     def _in_start(self) -> None:
@@ -280,7 +280,7 @@ class GaitPlanner:
         ahead = rear.relative(front.x, front.y)[0]
         gait.toe_off = self._footing.toe_off(1 - gait.stance, ahead, gait.pace.toe_off, elapsed, duration)
         bears, other, far_off = gait.measured.active, 1 - gait.stance, self._single.far_off(gait)
-        # A foot that has just lost its load can bear again while it is on the floor.
+        # A foot that has just lost its load can bear load again while it is on the floor.
         on_floor = bears[other] or gait.measured.soles[other].z - gait.soles.holds[other].z < _ON_FLOOR
         dragged = bears[gait.stance] and not on_floor  # by the body, after a wide step
         if far_off and bears[gait.stance] and on_floor and not gait.command.route.steps:
@@ -301,7 +301,7 @@ class GaitPlanner:
         gait.dcm = gait.dcm.blended(self._rest_dcm, _STILL, gait.elapsed, self.config.timing.finish)
 
     def _relief_dcm(self) -> float:
-        """Vertical DCM by the known heights of the coming footholds [m]."""
+        """Vertical DCM from the known heights of the coming footholds [m]."""
         gait, levels, omega = self.state, self.state.soles.levels, self.state.omega
         felt = levels[0] == levels[1] and gait.soles.landing is None and not gait.command.route.known
         if felt or not gait.phase.stepping:
@@ -317,7 +317,7 @@ class GaitPlanner:
         return float(double_support(first, last, then, omega, elapsed, gait.step.double)[0][0])
 
     def _lift(self) -> None:
-        toe_off = self.state.toe_off  # which the next line ends
+        toe_off = self.state.toe_off  # before the next line resets it
         self._enter(GaitPhase.SINGLE)
         self._single.lift(self.state, toe_off)
 
@@ -340,7 +340,7 @@ class GaitPlanner:
         gait.step = structs.replace(gait.step, double=gait.pace.double)
         command = self._commands.landed(gait.command, gait.soles.holds)
         if command.over and (self.must_step or self._soles.astride(gait.soles.holds, self.config.astride_max)):
-            command = command.counted(1)  # not recovered yet, or in no stance to come to rest in
+            command = command.counted(1)  # not recovered yet, or too far from the nominal stance to rest
         if command.over:
             gait.dcm = gait.dcm.begin_blend()
             command = command.counted(None)
@@ -350,7 +350,7 @@ class GaitPlanner:
         gait.command = command
 
     def _learn_speed(self, foot: int) -> None:
-        """What the step of a foot that touches down made of the velocity; rough ground cuts steps short itself."""
+        """Update the speed correction at a touchdown; rough ground shortens steps, so these are not used."""
         gait, config, command = self.state, self.config, self.state.command
         trim, reached, step = structs.replace(command.trim, steady=None), gait.measured.soles[foot], gait.step
         going_on = not command.route.steps and command.steps_left is None
@@ -362,7 +362,7 @@ class GaitPlanner:
         gait.command = structs.replace(command, trim=trim)
 
     def _loads(self) -> tuple[float, float]:
-        """Share of the weight on each foot, from the ZMP of the reference between them."""
+        """Share of the weight on each foot, from the reference ZMP between the feet."""
         gait = self.state
         if gait.phase is GaitPhase.STAND:
             return 1.0, 1.0
@@ -373,10 +373,10 @@ class GaitPlanner:
         return self._soles.shares(gait.soles.holds, gait.dcm.zmp(gait.omega))
 
     def _off_the_floor(self, state: RobotState, dt: float) -> bool:
-        """Whether the robot is in the air; once put down, it stands until a new command."""
+        """Whether the robot is in the air; after it is put down, it stands until a new command."""
         gait = self.state
         if gait.phase is GaitPhase.STAND and gait.rest is not None and not gait.rest.walk:
-            return False  # a robot that is let down onto its feet has to take up its weight
+            return False  # a robot that is lowered onto its feet must take its weight
         gait.airborne, put_down = self._airborne.update(gait.airborne, gait.measured.active, state.q[7:], dt)
         if put_down:
             self._stand(gait.measured)
@@ -385,11 +385,11 @@ class GaitPlanner:
         elif gait.airborne.confirmed and gait.phase is not GaitPhase.LIFTED:
             gait.command = gait.command.stopped("the robot was lifted", muted=True)
             self._enter(GaitPhase.LIFTED)
-        # Quick, wide steps leave the floor for some ticks: holding the posture then would cause a fall.
+        # In quick, wide steps both feet leave the floor for some ticks; holding the posture would cause a fall.
         return gait.airborne.active and (gait.airborne.confirmed or not gait.step.urgent)
 
     def _stand(self, measured: Measurement) -> None:
-        """End the walk: the robot stands at its measured place."""
+        """End the walk; the robot stands at its measured place."""
         before, soles = self.state, self._soles.planted(measured)
         self.state = replace(
             before,
@@ -412,7 +412,7 @@ class GaitPlanner:
         )
 
     def _begin(self) -> None:
-        """From standing: shift the weight to the foot that does not swing first."""
+        """Start to walk from standing: shift the weight to the first stance foot."""
         gait = self.state
         gait.stance = 1 - gait.command.first_foot
         gait.dcm = gait.dcm.begin_blend()
@@ -420,9 +420,9 @@ class GaitPlanner:
         self._enter(GaitPhase.START)
 
     def _recover(self) -> None:
-        """Step at once with the foot that comes nearer to the DCM after ``push_horizon``, else the farther one.
+        """Step at once; the swing foot is the one farther from the DCM, unless ``_choose_stance`` changes it.
 
-        A route that begins with the other foot is planned anew.
+        A route that starts with the other foot is replanned.
         """
         gait = self.state
         gait.stance = self._soles.nearest(gait.soles.holds, gait.measured.dcm(gait.omega))
@@ -435,7 +435,7 @@ class GaitPlanner:
         self._lift()
 
     def _choose_stance(self) -> None:
-        """Stand on the other foot if a step from there misses the DCM less, after ``push_horizon``."""
+        """Change the stance foot if a step from the other one misses the DCM after ``push_horizon`` by less."""
         gait, omega, holds = self.state, self.state.omega, self.state.soles.holds
         ahead = gait.measured.dcm(omega) + self.config.push_horizon * gait.dcm_rate
         missed = [self._single.plan.missed(holds, 1 - stance, ahead, omega) for stance in range(2)]
@@ -450,7 +450,7 @@ class GaitPlanner:
             gait.dcm = gait.dcm.begin_blend()
 
     def _at_rest(self, step: StepState) -> StepState:
-        """The step from which a standing robot starts: nothing of the last one affects the next."""
+        """Step state of a standing robot, in which the last step does not affect the next one."""
         return structs.replace(step, urgent=False, double=self.config.pace.slow.double)
 
     @property
@@ -460,7 +460,7 @@ class GaitPlanner:
         return self._soles.middle(self.state.soles.holds) if rest is None else rest.dcm
 
     def _set_pace(self, dt: float, longest: float) -> None:
-        """Pace of the commanded velocity, of its ``longest`` step [m] and of the present disturbance."""
+        """Set the pace for the commanded velocity, its ``longest`` step [m] and the present disturbance."""
         gait, config = self.state, self.config.pace
         lost = lost_share(gait.footing.areas, self._soles.half)
         gait.urgency = max(urgency_after(gait.urgency, gait.dcm_error, dt, config), lost)
@@ -472,13 +472,13 @@ class GaitPlanner:
 
     @property
     def must_step(self) -> bool:
-        """Whether the DCM is beyond what a standing robot can recover from."""
+        """Whether a standing robot cannot recover from the DCM without a step."""
         if self.state.rest is not None and not self.state.rest.step:
             return False
         return self._soles.beyond_standing(self.state.soles.holds, self.state.measured.dcm(self.state.omega))
 
     def _warm_up(self) -> GaitState:
-        """State of the standing robot, after its first step has compiled every kernel."""
+        """State of the standing robot; a simulated first step compiles every kernel."""
         model = self.model
         weight = np.array([0.0, 0.0, 0.5 * model.mass * GRAVITY, 0.0, 0.0, 0.0])
         contact = ContactState(True, weight)
@@ -503,5 +503,5 @@ class GaitPlanner:
         for dt in (self.config.timing.start, self.config.timing.start, self.config.timing.adjust_period):
             self.step(robot, dt)
         self._single.compile_rest(at_rest)
-        at_rest.dcm.in_double(at_rest.dcm.old, at_rest.dcm.old, self.state.omega, -1.0, 1.0)  # not reached either
+        at_rest.dcm.in_double(at_rest.dcm.old, at_rest.dcm.old, self.state.omega, -1.0, 1.0)  # not called either
         return at_rest

@@ -1,13 +1,12 @@
-r"""Reaction of the swing leg: how far the line of the ground force passes from the centre of pressure.
+r"""Reaction of the swing leg: offset of the centroidal moment pivot (CMP) from the centre of pressure.
 
 A leg that is accelerated forward takes angular momentum about the CoM, ``L' = -F''`` with
 
 .. math:: F = (\lambda x + \tfrac12 \kappa (x - c)^2 + \zeta z, \; \sigma y) \, m g
 
-``x, y, z`` the place of its foot along the heading, sideways and up, ``c`` that of the CoM; ``leg_lever`` computes the
-four coefficients. The ground force then passes not through the CoM but through the centroidal moment pivot,
-``F'' / (m g)`` behind the CoP, and the CMP drives the DCM. Integrated over the rest of a swing, ``R`` seconds, CoP at
-the origin,
+``x, y, z`` is the position of its foot along the heading, sideways and up, and ``c`` the position of the CoM along the
+heading; ``leg_lever`` computes the four coefficients. The line of the ground force then misses the CoM: the CMP, which
+drives the DCM, is ``F'' / (m g)`` behind the CoP. Over the last ``R`` seconds of a swing, with the CoP at the origin,
 
 .. math::
     \xi(T) = e^{\omega R} (\xi(t) - d), \quad
@@ -15,8 +14,8 @@ the origin,
       = \omega (\dot F_0 - e^{-\omega R} \dot F_R) + \omega^2 (F_0 - e^{-\omega R} F_R)
         - \omega^3 \int_0^R e^{-\omega s} F ds
 
-It depends on the present and final place of the foot, not on its acceleration, so it is continuous when foothold or
-time change.
+``d`` depends on the present and final position and velocity of the foot, not on its acceleration, so it is continuous
+when the foothold or the time changes.
 
 References:
     Popovic, Goswami, Herr: Ground reference points in legged locomotion, IJRR 2005 (CMP).
@@ -47,27 +46,27 @@ Body = tuple[Vector, Vector]  #: CoM [m] and its velocity [m/s] in W, each (3,)
 _NODES = np.array([0.0694318442029737, 0.3300094782075719, 0.6699905217924281, 0.9305681557970263])
 _WEIGHTS = np.array([0.1739274225687269, 0.3260725774312731, 0.3260725774312731, 0.1739274225687269])
 
-_REACH = 0.25  # of the leg's length: range of foot positions before and behind the stand
-_BEND = 0.06  # of the leg's length: by how much the leg is shorter than standing, as in a swing
+_REACH = 0.25  # range of foot positions ahead of and behind the standing position, as a share of the leg length
+_BEND = 0.06  # shortening of the leg in a swing, as a share of the leg length
 _ITERATIONS = 30
 _TOLERANCE = 1e-6
 
 
 class LegLever(NamedTuple):
-    """Angular momentum about the CoM per velocity of a foot, over the weight; ``x`` is its distance ahead of the CoM.
+    """Angular momentum about the CoM per velocity of a foot, divided by the weight.
 
-    Forward velocity: ``lever + slope x``. A trailing leg is longer from hip to ankle and swings its shank about the
-    knee; it has about twice the momentum of a leading one.
+    For the forward velocity it is ``lever + slope x``, with the distance x of the foot ahead of the CoM. A trailing leg
+    is longer from hip to ankle and swings its shank about the knee; it has about twice the momentum of a leading leg.
     """
 
-    lever: float  # lambda, of the forward velocity, foot under the CoM [s^2]
-    slope: float  # kappa, change of it per metre that the foot is ahead of the CoM [s^2/m]
-    lift: float  # zeta, of the upward velocity: the knee comes forward [s^2]
-    side: float  # sigma, of the sideways velocity [s^2]
+    lever: float  # lambda, for forward velocity with the foot under the CoM [s^2]
+    slope: float  # kappa, change of lambda per distance of the foot ahead of the CoM [s^2/m]
+    lift: float  # zeta, for upward velocity: the knee moves forward [s^2]
+    side: float  # sigma, for lateral velocity [s^2]
 
 
 class SwingLeg(NamedTuple):
-    """Constants of the swing's reaction."""
+    """Constants of the reaction of a swing."""
 
     shape: SwingShape
     lever: LegLever
@@ -78,13 +77,13 @@ class SwingLeg(NamedTuple):
 def _allowance(
     omega: float, left: float, rise: float, waits: Point, foot: Vector, ahead: float, drift: float, lever: LegLever
 ) -> tuple[float, float]:
-    """``d`` along the heading and sideways [m], ``left`` and ``rise`` [s] before touchdown and apex of the swing.
+    """``d`` along the heading and sideways [m], at ``left`` [s] before touchdown and ``rise`` [s] before the apex.
 
-    ``waits`` are the times for which the foot does not go along or sideways, from now on and before the touchdown [s].
+    ``waits`` are the times without horizontal motion of the foot, from now on and before the touchdown [s].
 
-    ``foot`` (16,) is position, velocity, acceleration along the heading, sideways, up; way to go along the heading and
-    sideways; heights of apex and landing; velocity at landing; acceleration there along and sideways. ``ahead`` is the
-    foot from the CoM along the heading [m], ``drift`` the velocity of the CoM along it [m/s].
+    ``foot`` (16,) has position, velocity and acceleration along the heading, sideways and up; remaining displacement
+    along and sideways; heights of apex and landing; vertical velocity at landing; acceleration there along and
+    sideways. ``ahead`` is the distance of the foot ahead of the CoM [m], ``drift`` the CoM velocity along [m/s].
     """
     x, y, z = foot[0:3], foot[3:6], foot[6:9]
     x_end, y_end, top, floor = foot[9], foot[10], foot[11], foot[12]
@@ -127,8 +126,8 @@ def whole_swing(
 ) -> Point:
     """``d`` at the lift-off of a step of a steady walk, in W [m].
 
-    ``way`` is the foot's displacement, ``rise`` the known height of its target above that at lift-off, ``over`` that of
-    what it passes above the higher one of both [m].
+    ``way`` is the displacement of the foot, ``rise`` the known height of its target above lift-off, ``over`` the height
+    of an obstacle above the higher of both [m].
     """
     shape, lever, edges = leg
     c, s, turned = math.cos(yaw), math.sin(yaw), np.empty((3, 2))
@@ -156,7 +155,7 @@ def whole_swing(
 
 @register_jitable
 def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg: SwingLeg) -> Point:
-    """``d``: DCM that the rest of the swing, ``left`` [s] before touchdown, uses up, in W [m]."""
+    """``d``: shift of the DCM by the rest of the swing, ``left`` [s] before touchdown, in W [m]."""
     (motion, heights, shares, duration, braking, target), (com, com_velocity), (shape, lever, _) = swing, body, leg
     left = max(left, shape.freeze)  # the last moments are stretched, see swing.py
     rise = left - (1.0 - shares[0]) * duration
@@ -181,7 +180,7 @@ def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg
 
 @register_jitable
 def cmp_offset(motion: Matrix, com: Vector, com_velocity: Vector, lever: LegLever) -> Point:
-    """CMP minus CoP at this moment of the swing, in W [m]; arguments as for ``rest_of_swing``."""
+    """Present CMP minus CoP, in W [m]; arguments as for ``rest_of_swing``."""
     place, velocity, acceleration = motion[0], motion[1], motion[2]
     c, s = math.cos(place[YAW]), math.sin(place[YAW])
     ax, ay = acceleration[0], acceleration[1]
@@ -194,12 +193,12 @@ def cmp_offset(motion: Matrix, com: Vector, com_velocity: Vector, lever: LegLeve
 
 @register_jitable
 def swing_slope(omega: float, duration: float, lever: LegLever) -> float:
-    """Approximate change of ``d`` at lift-off per change of the swing's way [-]; arguments as for ``whole_swing``."""
+    """Approximate change of ``d`` at lift-off per change of the foot's displacement [-]; swing ``duration`` in [s]."""
     return -lever.lever * omega * omega * math.exp(-0.5 * omega * duration)
 
 
 def leg_lever(model: RobotModel) -> LegLever:
-    """The levers of a robot whose legs are bent as in a swing, mean of both; ``RobotModelError`` if it cannot swing."""
+    """Mean levers of both legs, bent as in a swing; ``RobotModelError`` if the legs cannot reach the foot positions."""
     data, q = model.data(), model.standing_configuration()
     length = model.leg_length
     ahead, forward, lift, side = [], [], [], []
@@ -220,7 +219,7 @@ def leg_lever(model: RobotModel) -> LegLever:
 
 
 def _momentum(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matrix:
-    """Angular momentum about the CoM per velocity of a foot, moved by its leg alone, in W (3, 3)."""
+    """Angular momentum about the CoM per velocity of a foot that only its leg moves, in W (3, 3)."""
     pin.computeCentroidalMap(model.pin, data, q)
     jacobian = _jacobian(model, data, q, foot)
     momentum: Matrix = data.Ag[3:, np.array(foot.joint_ids_v)] @ _solve(jacobian, np.eye(len(jacobian))[:, :3])
@@ -228,18 +227,18 @@ def _momentum(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matri
 
 
 def _solve(jacobian: Matrix, right: Matrix) -> Matrix:
-    """Motion of a leg's joints for one of its foot; that of least norm of a leg with more joints."""
+    """Joint motion of a leg for a motion of its foot; of least norm for a redundant leg."""
     square = jacobian.shape[0] == jacobian.shape[1]
     return np.asarray(np.linalg.solve(jacobian, right) if square else np.linalg.lstsq(jacobian, right)[0], dtype=float)
 
 
 def _held(foot: Foot) -> list[int]:
-    """Components of a twist of the sole that its leg determines: without the rotations with the leg."""
+    """Components of a twist of the sole that its leg controls, without the free rotations."""
     return [0, 1, 2, *(3 + axis for axis in range(3) if not foot.free[axis])]
 
 
 def _jacobian(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matrix:
-    """Of a foot by the joints of its leg, in W, the rows of ``_held``; updates the frames of ``data``."""
+    """Jacobian of a foot for the joints of its leg, in W, rows of ``_held``; updates the frames of ``data``."""
     pin.computeJointJacobians(model.pin, data, q)
     pin.updateFramePlacements(model.pin, data)
     jacobian: Matrix = pin.getFrameJacobian(model.pin, data, foot.frame_id, pin.LOCAL_WORLD_ALIGNED)
@@ -247,7 +246,7 @@ def _jacobian(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matri
 
 
 def pose_foot(model: RobotModel, data: pin.Data, q: Vector, foot: Foot, target: pin.SE3) -> Vector:
-    """The posture with one sole at a pose in W; the base stays. ``RobotModelError`` if that is out of reach."""
+    """Configuration with one sole at a pose in W and a fixed base; ``RobotModelError`` if the pose is out of reach."""
     posed, held = q.copy(), _held(foot)
     joints = np.array(foot.joint_ids_v) + (model.nq - model.nv)
     for _ in range(_ITERATIONS):

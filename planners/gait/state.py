@@ -1,4 +1,4 @@
-"""State of a gait, the coming steps, and whether one step can bring the robot to rest."""
+"""State of a gait, its coming steps, and the margin for coming to rest with one step."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from planners.gait.pace import Pace
 from planners.gait.regions import Region
 from planners.gait.swing import AT_REST, SwingState, Via
 
-TIMES = 5  #: Touchdown times that the capturability margin tries
+TIMES = 5  #: Number of touchdown times in the search of the capturability margin
 
 
 class GaitPhase(Enum):
     """Phase of the gait."""
 
     STAND = "stand"
-    START = "start"  #: Both feet; the weight moves to the first stance foot
+    START = "start"  #: On both feet; the weight moves to the first stance foot
     SINGLE = "single"
-    DOUBLE = "double"  #: Both feet; the weight moves to the foot that has just landed
-    FINISH = "finish"  #: Both feet; the weight returns to the middle
+    DOUBLE = "double"  #: On both feet; the weight moves to the foot that has just landed
+    FINISH = "finish"  #: On both feet; the weight returns to the middle
     LIFTED = "lifted"  #: Off the floor: the posture is held
 
     @property
@@ -43,41 +43,41 @@ class GaitPhase(Enum):
 
     @property
     def airborne(self) -> bool:
-        """Whether a foot has left the floor since the robot stood."""
+        """Whether a foot has left the floor since the robot last stood."""
         return self not in (GaitPhase.STAND, GaitPhase.START)
 
     @property
     def resting(self) -> bool:
-        """Whether the weight is between both feet, or on its way there."""
+        """Whether the weight is between both feet, or returns there."""
         return self in (GaitPhase.STAND, GaitPhase.FINISH)
 
 
 class Rest(Struct, frozen=True):
-    """How the robot stands while it takes no steps."""
+    """Stance of a robot that takes no steps."""
 
-    dcm: Vector  #: DCM at which it comes to rest, in W (2,) [m]
-    velocity: Vector  #: Of the CoM there, in W (2,) [m/s]
+    dcm: Vector  #: DCM at which the robot comes to rest, in W (2,) [m]
+    velocity: Vector  #: CoM velocity there, in W (2,) [m/s]
     height: float  #: CoM height above the soles [m]
     walk: bool = True  #: The gait follows its commands
-    step: bool = True  #: It may step to keep its balance
-    standing: Reference | None = None  #: What the gait returns while it stands; None during a blend to it
+    step: bool = True  #: The robot may step to keep its balance
+    standing: Reference | None = None  #: Reference that the gait returns in phase ``STAND``; None during a blend to it
 
 
 class StepState(Struct, frozen=True):
-    """The single support under way, or the last one."""
+    """Present or last single support."""
 
-    time: float  #: Planned touchdown, from lift-off [s]
+    time: float  #: Time of the planned touchdown since lift-off [s]
     double: float  #: Duration of the double support after the last touchdown [s]
-    touchdown: Vector  #: DCM of the reference at the touchdown, in W (2,) [m]
-    liftoff: Foothold = Foothold(0.0, 0.0, 0.0)  #: Foothold that the swing foot left
-    next_adjustment: float = 0.0  #: Since lift-off [s]
-    urgent: bool = False  #: The DCM was so far from its reference that the step is as quick as possible
-    region: Region = Region.OWN  #: Of the foothold
-    via: Via | None = None  #: Corner that the swing foot passes on its way there
-    unsolved: int = 0  #: Step adjustments without a solution, which kept to the nominal step
+    touchdown: Vector  #: DCM reference at the touchdown, in W (2,) [m]
+    liftoff: Foothold = Foothold(0.0, 0.0, 0.0)  #: Foothold at lift-off of the swing foot
+    next_adjustment: float = 0.0  #: Time of the next step adjustment since lift-off [s]
+    urgent: bool = False  #: A large DCM error has made the step as quick as possible
+    region: Region = Region.OWN  #: Region of the foothold
+    via: Via | None = None  #: Corner that the swing foot passes
+    unsolved: int = 0  #: Number of step adjustments without a solution, which use the nominal step
 
     def shifted(self, x: float, y: float) -> StepState:
-        """Moved in W [m]."""
+        """Step shifted in W [m]."""
         liftoff, touchdown = self.liftoff.shifted(x, y), self.touchdown + np.array((x, y))
         via = None if self.via is None else self.via.shifted(x, y)
         return structs.replace(self, liftoff=liftoff, touchdown=touchdown, via=via)
@@ -87,20 +87,20 @@ class BodyState(Struct, frozen=True):
     """Reference of the body."""
 
     height: float  #: CoM height above the ground [m]
-    #: Height of the ground under the CoM, limited in rate off the expected slope [m]; None before the first reference
+    #: Height of the ground under the CoM [m], rate-limited relative to the expected slope; None before the first tick
     ground: float | None = None
-    rate: float = 0.0  #: Of ``height`` [m/s]
-    acceleration: float = 0.0  #: Of ``height`` [m/s^2]
+    rate: float = 0.0  #: Rate of ``height`` [m/s]
+    acceleration: float = 0.0  #: Acceleration of ``height`` [m/s^2]
     climb: float = 0.0  #: Rate of the ground under the CoM [m/s]
-    #: Rise over the stance leg, which comes on top; its rate and acceleration [m, m/s, m/s^2]
+    #: Additional rise over the stance leg, its rate and acceleration [m, m/s, m/s^2]
     rise: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    #: Known height of the ground under the CoM, which comes on top, too; its rate and acceleration [m, m/s, m/s^2]
+    #: Additional known height of the ground under the CoM, its rate and acceleration [m, m/s, m/s^2]
     relief: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
 class GaitState:
-    """Everything that a gait keeps between ticks; parts are values, never written to, so a copy shares them."""
+    """State of a gait between ticks. Its parts are immutable values, so a copy shares them."""
 
     measured: Measurement
     dcm_rate: Vector  #: Rate of the measured DCM, low-passed (2,) [m/s]
@@ -111,27 +111,27 @@ class GaitState:
     body: BodyState
     airborne: AirborneState
     pace: Pace
-    toe_off: ToeOff = FLAT  #: Of the rear foot
-    urgency: float = 0.0  #: Part of the pace that disturbances require [-]
+    toe_off: ToeOff = FLAT  #: Rotation of the rear foot
+    urgency: float = 0.0  #: Share of the fast gait that disturbances require [-]
     command: CommandState = NO_COMMAND
     swing: SwingState = AT_REST
     phase: GaitPhase = GaitPhase.STAND
-    stance: int = 1  #: The present or coming stance foot (0 left, 1 right)
-    steps: int = 0  #: Touchdowns so far
-    elapsed: float = 0.0  #: In this phase [s]
+    stance: int = 1  #: Present or next stance foot (0 left, 1 right)
+    steps: int = 0  #: Number of touchdowns
+    elapsed: float = 0.0  #: Time in this phase [s]
     settled: float = 0.0  #: Time at rest in phase ``STAND`` [s]
     early: float = 0.0  #: Time by which the last touchdown was early [s]
-    recovering: bool = False  #: The present steps began with one that caught a standing robot
-    rest: Rest | None = None  #: Over the middle of the soles when None
+    recovering: bool = False  #: The present steps began with a recovery step of a standing robot
+    rest: Rest | None = None  #: Stance while no steps are taken; over the middle of the soles when None
 
     @property
     def omega(self) -> float:
-        """Of the pendulum [1/s]."""
+        """Natural frequency of the pendulum [1/s]."""
         return math.sqrt(GRAVITY / max(self.body.height, COM_HEIGHT_MIN))
 
     @property
     def single(self) -> float:
-        """Nominal single support of the present or coming step [s]."""
+        """Nominal single support of the present or next step [s]."""
         return max(self.pace.single, self.command.route.swing)
 
     @property
@@ -141,16 +141,16 @@ class GaitState:
         return math.hypot(*error.tolist())
 
     def copy(self) -> GaitState:
-        """Another record of the same state, for a checkpoint."""
+        """Copy of the state, for a checkpoint."""
         return copy.copy(self)
 
 
 @dataclass(frozen=True, slots=True)
 class GaitView:
-    """A gait and what it measures, for observers."""
+    """State of a gait and its measured DCM, for observers."""
 
     state: GaitState
-    dcm: Vector  #: Measured, in W (2,) [m]
+    dcm: Vector  #: Measured DCM in W (2,) [m]
     soles: Soles
 
     @property
@@ -160,7 +160,7 @@ class GaitView:
 
 
 def coming_steps(view: GaitView, config: GaitConfig) -> list[Foothold]:
-    """The next footholds, alternating feet; the first is the adjusted one of the foot in the air. Empty at rest."""
+    """Next footholds of alternating feet; the first is the adjusted one of the foot in the air. Empty at rest."""
     gait, holds, command = view.state, view.state.soles.holds, view.state.command
     if gait.phase.resting:
         return []
@@ -184,13 +184,13 @@ def capture_margin(view: GaitView, config: GaitConfig) -> float:
     r"""Distance of the DCM inside the region from which one step brings the robot to rest; negative outside [m].
 
     With the CoP anywhere in the stance sole (half size h) until a touchdown after t, the DCM ends within
-    ``exp(omega t) xi -+ (exp(omega t) - 1) h``; one step suffices if that meets the footholds in reach, grown by half
-    the landing sole (half size h'). Along each axis of the stance sole:
+    ``exp(omega t) xi -+ (exp(omega t) - 1) h``. One step suffices if this interval intersects the reachable footholds,
+    extended by the half size h' of the landing sole. Along each axis of the stance sole:
 
     .. math:: e^{\omega t} \xi \in [r_{min} - h', r_{max} + h'] \pm (e^{\omega t} - 1) h
 
-    The margin is that of the best time among ``TIMES`` from the soonest to the latest one. On both feet the hull of
-    the soles counts too, where no step is needed.
+    The margin is the largest one over ``TIMES`` times from the soonest to the latest one. On both feet, it includes the
+    margin to the hull of the soles, inside which no step is needed.
 
     References:
         Koolen et al.: Capturability-based analysis and control of legged locomotion, part 1, IJRR 2012, section 5.
@@ -205,7 +205,7 @@ def capture_margin(view: GaitView, config: GaitConfig) -> float:
 
 
 def _one_step(view: GaitView, config: GaitConfig, stance: int, elapsed: float) -> float:
-    """Margin on one foot, ``elapsed`` after the lift-off of the other one [s]."""
+    """Margin on one foot [m], ``elapsed`` [s] after the lift-off of the other one."""
     timing, soles, reach, foot = config.timing, view.soles, config.reach, 1 - stance
     soonest = max(timing.single_min, elapsed + config.swing.freeze)
     times = np.linspace(soonest, max(timing.single_max, soonest), TIMES) - elapsed

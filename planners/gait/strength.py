@@ -1,26 +1,26 @@
-r"""What the torques and speeds of a robot's legs allow: crouch and speed of the walk.
+r"""Crouch and speed of the walk within the torque and speed limits of a robot's legs.
 
-In the nominal step of a pace the base is upright at the mean heading of the feet, and the CoM moves as that of the
-pendulum with its ZMP ``p`` at rest,
+In the nominal step of a pace, the base is upright at the mean heading of the feet. The CoM moves as the pendulum with a
+fixed ZMP ``p``,
 
 .. math:: c(t) - p = \frac{b + a}{2} \frac{\cosh \omega t}{\cosh \omega T/2}
     + \frac{b - a}{2} \frac{\sinh \omega t}{\sinh \omega T/2}, \quad -T/2 \le t \le T/2
 
-from a to b, half-way to the other foot before and after the step, at the height of the gait with its rise; the swing
-foot moves from 2 a to 2 b. Inverse dynamics with all forces of the ground on the stance foot gives the torques. The
-root of the mean square of each over its limit is the share that the step takes of that joint: what carries the weight
-counts whole, the ends of a swing, which arms and a slower foot make up for, little. The arms take up the moment of
-the swing leg too, so that the CoP is the ZMP, farther back than without them. The stance knee bears more then, and
-counts with the CoP there. Ankles do not count: their torque is the CoP's, which is kept where they hold it
+from a to b, the points midway to the other foot before and after the step, at the height of the gait with its rise. The
+swing foot moves from 2 a to 2 b. Inverse dynamics with all ground forces on the stance foot gives the torques. The load
+share of a joint is the root mean square of its torque over its limit. It includes the full load of the weight, but
+little of the ends of a swing, which arms and a slower foot compensate. The arms also balance the moment of the swing
+leg, so the CoP is at the ZMP, farther back than without arms. The load of the stance knee, which is then higher, is
+computed with that CoP. Ankles are excluded: their torque sets the CoP, which is kept where they can hold it
 (``Foot.bearing``), and a lifted foot may tip.
 
-The root of the mean square of a joint's speed over its limit is another share. A joint that is too slow for its way
-leaves the foot behind its reference in heading or place, and the base with it.
+A second share is the root mean square of a joint's speed over its limit. If a joint is too slow, the foot lags behind
+its reference in heading or position, and so does the base.
 
-The farther ahead the ZMP is, the less the knees bear. It is moved from ``zmp`` towards the middle of the sole as far as
-the crouch requires. Crouch and velocity limits are then reduced until no joint is taken beyond ``torque_share`` and
-``swing.speed_share``, but for what it takes to step on the spot without a crouch. Where that is more than a joint's
-torque, the robot does not walk at all.
+The farther ahead the ZMP is, the less load the knees bear. The ZMP is moved from ``zmp`` towards the middle of the sole
+as far as the crouch requires. Crouch and velocity limits are then reduced until no joint exceeds ``torque_share`` and
+``swing.speed_share``, or its share in a step on the spot without a crouch. If that exceeds a torque limit, the robot
+does not walk.
 """
 
 import math
@@ -41,14 +41,14 @@ from planners.gait.config import GaitConfig
 from planners.gait.pace import Pace, pace_at, share_of
 from planners.gait.reaction import pose_foot
 
-_SAMPLES = 13  #: Of a step: twice as many change the shares of the packaged robots by less than 0.01
-_BISECTIONS = 8  #: Of a limit
-_SLACK = 0.02  #: Of a limit beyond what a step on the spot takes, for a step that goes anywhere [-]
-_CROUCH = 0.9  #: Part of what is allowed that a crouch may take, so that the robot can still go anywhere [-]
-_BEYOND = 1.03  #: Torques limit a velocity if this many times it takes more than they allow [-]
-_DEEPER = 0.003  #: They limit a crouch if one that is deeper by this does [m]
+_SAMPLES = 13  #: Samples of a step; twice as many change the shares of the packaged robots by less than 0.01
+_BISECTIONS = 8  #: Bisections in the search for a limit
+_SLACK = 0.02  #: Additional share of a limit for steps with a velocity, relative to a step on the spot [-]
+_CROUCH = 0.9  #: Part of the allowed shares that a crouch may use, which leaves a margin for velocities [-]
+_BEYOND = 1.03  #: The legs limit a velocity if this multiple of it exceeds the allowed shares [-]
+_DEEPER = 0.003  #: The legs limit a crouch if one deeper by this height exceeds the allowed shares [m]
 STANDSTILL = 1e-4  #: Velocity limit of a robot that cannot walk or turn [m/s], [rad/s]
-#: Velocities at the limits, in parts of them
+#: Velocities at the limits, as multiples of the limits
 _WAYS: dict[str, Velocity] = {
     "forward": (1.0, 0.0, 0.0),
     "backward": (-1.0, 0.0, 0.0),
@@ -58,17 +58,17 @@ _WAYS: dict[str, Velocity] = {
 
 
 class Step(NamedTuple):
-    """A nominal step with the left foot on the ground; lengths in [m], times in [s]."""
+    """Nominal step with the left foot on the ground; lengths in [m], times in [s]."""
 
-    ends: tuple[tuple[float, float], tuple[float, float]]  #: CoM from the ZMP as it begins and ends
-    turn: float  #: Of the base in the step [rad]
-    drop: float  #: Of the CoM below that of standing
-    rise: float  #: Amplitude of the CoM's rise over the stance leg
+    ends: tuple[tuple[float, float], tuple[float, float]]  #: CoM relative to the ZMP at start and end
+    turn: float  #: Turn of the base in the step [rad]
+    drop: float  #: Height of the CoM in standing less its height in the step
+    rise: float  #: Amplitude of the rise of the CoM over the stance leg
     pace: Pace
 
 
 class StepLoads:
-    """Loads of the steps of one robot; ``part`` is that of the configured shares that counts as allowed."""
+    """Loads of the steps of one robot; ``part`` is the allowed part of the configured shares."""
 
     def __init__(self, model: RobotModel, config: GaitConfig, part: float = 1.0) -> None:
         self._model, self._config, self._data = model, config, model.data()
@@ -85,14 +85,14 @@ class StepLoads:
         self._zmp = 0.5 * config.zmp * np.array([x_min + x_max, y_min + y_max])  # on the sole (2,) [m]
 
         count = len(self._joints)
-        #: Share that a step may take of the torque limit of each joint, then of its speed limit (2 n,) [-]
+        #: Allowed shares of the torque limits of the joints, then of their speed limits (2 n,) [-]
         self.allowed = part * np.repeat([config.torque_share, config.swing.speed_share], count)
         on_the_spot = self.shares(STILL, pace_at(0.0, config.pace)._replace(crouch=0.0))
         self.weak = bool(on_the_spot[:count].max() > 1.0)  #: Whether the robot is too weak to step
         np.maximum(self.allowed, on_the_spot + _SLACK, out=self.allowed)
 
     def excess(self, velocity: Velocity, pace: Pace | None = None) -> tuple[float, str]:
-        """Largest ratio of a share to what is allowed, and the joint with its limit; arguments as for ``shares``."""
+        """Largest ratio of a share to the allowed one, and the joint with its limit; arguments as for ``shares``."""
         ratios = self.shares(velocity, pace) / self.allowed
         worst, model = int(ratios.argmax()), self._model
         fast, joint = worst >= len(self._joints), self._joints[worst % len(self._joints)]
@@ -100,13 +100,13 @@ class StepLoads:
         return float(ratios[worst]), f"joint '{model.joint_names[joint]}' of {limit}"
 
     def shares(self, velocity: Velocity, pace: Pace | None = None) -> Vector:
-        """Shares of torques, then speeds, in the step at a velocity, in the pace for it when None (2 n,) [-]."""
+        """Shares of torques, then speeds, in the step at a velocity (2 n,) [-]; ``pace`` None: pace of the velocity."""
         return self._shares(
             self._step(velocity, pace or pace_at(share_of(velocity, self._config.pace), self._config.pace))
         )
 
     def _step(self, velocity: Velocity, pace: Pace) -> Step:
-        """Of two steps sideways the larger one."""
+        """Nominal step of a velocity; the larger one of two lateral steps."""
         config, length, wide = self._config, velocity[0] * pace.period, abs(velocity[1]) * pace.period
         half = 0.5 * float(self._soles[0].translation[1] - self._soles[1].translation[1])
         leg = config.leg
@@ -117,7 +117,7 @@ class StepLoads:
         return Step(ends, velocity[2] * pace.period, max(pace.crouch, reach), rise, pace)
 
     def _shares(self, step: Step) -> Vector:
-        """Infinite where the legs do not reach."""
+        """Shares of a step; infinite if a leg cannot reach."""
         times = np.linspace(-0.5, 0.5, _SAMPLES) * step.pace.single
         try:
             postures = self._postures(step, times)
@@ -141,7 +141,7 @@ class StepLoads:
         return shares
 
     def _postures(self, step: Step, times: Vector) -> list[Vector]:
-        """Configurations at times from the middle of a step."""
+        """Configurations at times relative to the middle of a step."""
         model, pace, foot = self._model, step.pace, self._model.feet[0]
         zmp = self._soles[0].translation[:2] + self._zmp
         omega, (first, last) = math.sqrt(GRAVITY / (self._com[2] - step.drop)), np.array(step.ends)
@@ -159,7 +159,7 @@ class StepLoads:
         return postures[1:]
 
     def _swing(self, step: Step, s: float) -> tuple[pin.SE3, float]:
-        """Pose of the swing foot at a share of its time, and share of its way."""
+        """Pose of the swing foot at a share ``s`` of its time, and share of its path."""
         (first, last), effort = np.array(step.ends), step.pace.least_effort
         way = effort * s**2 * (3.0 - 2.0 * s) + (1.0 - effort) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         place = self._soles[0].translation[:2] + 2.0 * (first + way * (last - first))
@@ -170,7 +170,7 @@ class StepLoads:
 
 
 def _ahead(model: RobotModel, config: GaitConfig) -> GaitConfig:
-    """The gait with its ZMP as far ahead, at most in the middle of the sole, as the crouch requires."""
+    """Gait with the ZMP as far ahead as the crouch requires, at most in the middle of the sole."""
 
     def at(back: float) -> GaitConfig:
         return replace(config, zmp=back * config.zmp + (1.0 - back))
@@ -180,7 +180,7 @@ def _ahead(model: RobotModel, config: GaitConfig) -> GaitConfig:
 
 
 def within_legs(model: RobotModel, config: GaitConfig) -> GaitConfig:
-    """The gait with ZMP, crouch and velocity limits that the robot's legs allow."""
+    """Gait with ZMP, crouch and velocity limits within the limits of the robot's legs."""
     config = _ahead(model, config)
     loads = StepLoads(model, config, _CROUCH)
 
@@ -206,7 +206,7 @@ def within_legs(model: RobotModel, config: GaitConfig) -> GaitConfig:
 
 
 def _largest(excess: Callable[[float], float], most: float, least: float) -> float:
-    """The largest value up to ``most`` whose ``excess`` is at most one; ``least`` if there is none."""
+    """Largest value up to ``most`` whose ``excess`` is at most one; ``least`` if there is none."""
     if excess(most) <= 1.0:
         return most
     low, high = least, most
@@ -217,7 +217,7 @@ def _largest(excess: Callable[[float], float], most: float, least: float) -> flo
 
 
 def leg_limits(model: RobotModel, config: GaitConfig) -> dict[str, str]:
-    """What limits the crouch and each velocity of a gait, by the name of the limit; without those that nothing does."""
+    """Texts about the joints or legs that limit crouch and velocities of a gait, by name of the limit."""
     loads, slow = StepLoads(model, config), pace_at(0.0, config.pace)
     deeper = slow._replace(crouch=slow.crouch + _DEEPER)
     tried = {"crouch": StepLoads(model, config, _CROUCH).excess(STILL, deeper)}
