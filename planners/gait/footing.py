@@ -170,8 +170,8 @@ class Footing:
     ) -> FootingState:
         """State after one tick; the foot ``swinging`` (None in double support) lands on its whole sole or on its rim.
 
-        ``slope`` is the ground slope at its landing (2,) [-]. In an ``urgent`` step no edge is detected. ``toe_off`` is
-        the rotation of the rear foot in double support; that foot bears on the edge.
+        ``slope`` is the ground slope at landing (2,) [-]. In an ``urgent`` step only rims count as edges. ``toe_off``
+        is the rotation of the rear foot in double support; that foot bears on the edge.
         """
         block, areas, foot = footing.block.copy(), footing.areas.copy(), -1 if swinging is None else swinging
         if urgent:
