@@ -1,1 +1,1 @@
-"""Calibration of the IMU, the joint encoders and the foot sensors: laws without clock and files."""
+"""Calibration of the IMU, the joint encoders and the foot sensors; no clock and no file access."""

@@ -1,4 +1,4 @@
-"""Calibration of the leg encoders on both soles, from the closed chain and gravity."""
+"""Calibration of the leg encoders from the closed chain through both soles and from gravity."""
 
 import math
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ from models.calibration import Calibration
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
-#: Unknowns of the placement of the right sole in the left one: x, y [m], yaw [rad]; both lie on one level floor
+#: Unknowns of the placement of the right sole in the left sole frame: x, y [m], yaw [rad]; both on one level floor
 PLACEMENT = 3
 #: Unknowns of the IMU: rotation vector of its mounting (3) [rad], accelerometer bias (3) [m/s^2]
 MOUNTING = 6
 
 
 class ChainTerms:
-    """Right sole in the left one and specific force at x = (joint offsets (k), placement (3), mounting (6))."""
+    """Closure error and specific force at x = (joint offsets (k), sole placement (3), IMU mounting and bias (6))."""
 
     def __init__(self, model: RobotModel) -> None:
         self._model, self._data = model, model.data()
@@ -30,29 +30,29 @@ class ChainTerms:
         for frame in (*self._feet, self._imu):
             chain = model.pin.supports[model.pin.frames[frame].parentJoint]
             used |= {int(model.pin.joints[j].idx_v) - 6 for j in chain if j > 1}
-        self.joints = np.array(sorted(used))  #: Indices of those joints in a joint vector, ascending
+        self.joints = np.array(sorted(used))  #: Indices of the joints of these chains, ascending (k,)
         self.size = self.joints.size + PLACEMENT + MOUNTING  #: Number of unknowns
         self._q = pin.neutral(model.pin)
 
     def update(self, q: Vector, x: Vector) -> None:
-        """Set measured joint positions (nj,) [rad] and the unknowns."""
+        """Set the measured joint positions q (nj,) [rad] and the unknowns x (n,)."""
         self._q[7:] = q
         self._q[7 + self.joints] -= x[: self.joints.size]
         pin.computeJointJacobians(self._model.pin, self._data, self._q)
         pin.updateFramePlacements(self._model.pin, self._data)
 
     def _frame(self, frame: int) -> tuple[pin.SE3, Matrix]:
-        """Pose in the base, and minus its local Jacobian with respect to the offsets (6, k)."""
+        """Pose in the base frame, and its local Jacobian in the offsets: minus the joint Jacobian (6, k)."""
         jacobian = pin.getFrameJacobian(self._model.pin, self._data, frame, pin.LOCAL)
         return self._data.oMf[frame], -jacobian[:, 6 + self.joints]
 
     def placement(self) -> pin.SE3:
-        """Right sole in the left one."""
+        """Pose of the right sole in the left sole frame."""
         left, right = (self._data.oMf[frame] for frame in self._feet)
         return left.actInv(right)
 
     def closure(self, x: Vector) -> tuple[Vector, Matrix]:
-        """Error of the right sole against its placement, e = log(T(x)^-1 L^-1 R) (6,), and de/dx (6, n) [m, rad]."""
+        """Closure error of the placement, e = log(T(x)^-1 L^-1 R) (6,), and its Jacobian de/dx (6, n) [m, rad]."""
         k = self.joints.size
         (left, left_jacobian), (right, right_jacobian) = (self._frame(frame) for frame in self._feet)
         relative = left.actInv(right)
@@ -67,18 +67,18 @@ class ChainTerms:
         return pin.log6(error).vector, pin.Jlog6(error) @ jacobian
 
     def imu_position(self) -> Vector:
-        """Origin of the IMU in the left sole's frame (3,) [m]."""
+        """Origin of the IMU in the left sole frame (3,) [m]."""
         left, imu = self._data.oMf[self._feet[0]], self._data.oMf[self._imu]
         return np.asarray(left.actInv(imu).translation)
 
     def force(self, x: Vector, measured: Vector, expected: Vector) -> tuple[Vector, Matrix]:
-        """Predicted minus measured specific force (3,) in the frame of the unit, and its Jacobian (3, n), at x (n,)."""
+        """Predicted minus measured specific force in the IMU frame (3,) [m/s^2], and its Jacobian (3, n), at x (n,)."""
         k = self.joints.size
         left, left_jacobian = self._frame(self._feet[0])
         imu, imu_jacobian = self._frame(self._imu)
         relative = left.rotation.T @ imu.rotation
         turn = pin.exp3(x[k + PLACEMENT : k + PLACEMENT + 3])
-        up = relative.T @ expected  # in the nominal frame of the unit
+        up = relative.T @ expected  # in the nominal IMU frame
         force = turn.T @ up
         jacobian = np.zeros((3, self.size))
         spin = imu_jacobian[3:] - relative.T @ left_jacobian[3:]
@@ -88,14 +88,14 @@ class ChainTerms:
         return force + x[-3:] - measured, jacobian
 
 
-_CONVERGED = 1e-9  #: Step of Gauss-Newton at which it has converged [rad, m, m/s^2]
-_GAP = 1.5  #: Windows further apart than this many lengths are not differentiated across
+_CONVERGED = 1e-9  #: Largest Gauss-Newton step of an offset at convergence [rad]
+_GAP = 1.5  #: Gap across which accelerations are not computed, in window lengths [-]
 
 
 def calibrate_closed_chain(
     windows: Sequence[Window], model: RobotModel, base: Calibration, config: CalibrationConfig
 ) -> Outcome:
-    r"""Offsets of the joints between the soles and the IMU, from motions on both planted soles.
+    r"""Offsets of the joints between the soles and the IMU, from motions with both soles on the floor.
 
     .. math::
         \min_x \sum_k \|\log(T_k^{-1} L(q_k - o)^{-1} R(q_k - o))\|^2_{\Sigma_T}
@@ -103,18 +103,18 @@ def calibrate_closed_chain(
              + \|T_{k+1} - T_k\|^2_{\Sigma_w} + \|x\|^2_{\Sigma_0},
         \qquad x = (o, \mu, b)
 
-    L, R: sole poses; p_LI: place of the IMU in the left sole's frame, differentiated over the windows; T:
-    placement of the right sole in the left one, (x, y, yaw), which creeps a little while both stand; mu, b: mounting
-    and bias of the IMU. Sigma_0 is the prior: ``chain.prior`` for the offsets, the data sheet's for mu and b.
-    Gauss-Newton, each step solved by a Kalman filter over the windows, whose final covariance is the posterior.
+    L, R: sole poses; p_LI: position of the IMU in the left sole frame, differentiated over the windows; T: placement
+    (x, y, yaw) of the right sole in the left sole frame, with a random walk for slow creep; mu, b: mounting and bias of
+    the IMU; Sigma_0: prior, ``chain.prior`` for the offsets, the data sheet for mu and b. A Kalman filter over the
+    windows solves each Gauss-Newton step; its final covariance is the posterior.
 
-    ``windows`` are raw samples, averaged, from a motion of the base over both soles; ``base`` calibrates the other
-    sensors and joints of the result. Details: the offset of each joint by name [rad], its posterior standard deviation
-    as ``sigma_<joint>`` [rad], ``singular_max``, ``singular_min`` of the data alone [1/rad], ``residual`` (RMS of the
-    whitened innovations) [-], ``windows``, ``joints_untouched``.
+    ``windows`` are averages of raw samples from a motion of the base over both soles. ``base`` supplies the calibration
+    of the other sensors and joints. Details: the offset of each joint by name [rad], its posterior standard deviation
+    as ``sigma_<joint>`` [rad], ``singular_max``, ``singular_min`` of the data without the prior [1/rad], ``residual``
+    (RMS of the whitened innovations) [-], ``windows``, ``joints_untouched``.
 
     Assumptions:
-        The floor is flat and level, the soles stand flat and do not slip.
+        The floor is flat and level. The soles stand flat and do not slip.
     """
     terms, limits = ChainTerms(model), config.chain
     weight = model.mass * config.gravity
@@ -184,20 +184,20 @@ class _Fit:
     step: Vector  # change of the unknowns (n,)
     covariance: Matrix  # of the unknowns (n, n)
     residual: float  # RMS of the whitened innovations [-]
-    gated: int  # windows with less weight because their innovation is an outlier
+    gated: int  # number of windows with reduced weight because their innovation is an outlier
 
 
 def _filter(
     windows: Sequence[Window], terms: ChainTerms, x: Vector, sigma: Vector, gate: float,
     config: CalibrationConfig,
 ) -> _Fit:  # fmt: skip
-    """Linear least squares about x, window by window, with a placement that walks: a Kalman filter on the step."""
+    """Kalman filter over the windows for the Gauss-Newton step about x; the placement is a random walk."""
     limits, k = config.chain, terms.joints.size
     share = min(config.window / limits.correlation, 1.0)
     closure = np.array([limits.slide, limits.slide, limits.height, limits.tilt, limits.tilt, limits.turn])
     placed = slice(k, k + PLACEMENT)
     step = np.zeros(terms.size)
-    step[:k], step[-MOUNTING:] = -x[:k], -x[-MOUNTING:]  # the prior's mean is 0, and the placement's the first one
+    step[:k], step[-MOUNTING:] = -x[:k], -x[-MOUNTING:]  # prior mean 0; for the placement, its current value
     covariance = np.diag(sigma**2)
     walk = np.array([limits.slide_walk, limits.slide_walk, limits.turn_walk]) ** 2
     squares, gated, last = 0.0, 0, windows[0].t
@@ -217,7 +217,7 @@ def _filter(
         innovation = error + jacobian @ step  # (6,) or (9,)
         spread = jacobian @ covariance @ jacobian.T + np.diag(noise)
         square = float(innovation @ np.linalg.solve(spread, innovation)) / innovation.size
-        if square > gate:  # a jolt or a slip: weighed down, but not ignored, or one slip would lock all the rest out
+        if square > gate:  # jolt or slip: reduced weight; if ignored, one slip would exclude all later windows
             gated += 1
             spread += np.diag(noise) * (square / gate - 1.0)
             noise = noise * square / gate
@@ -232,7 +232,7 @@ def _filter(
 def _expected_forces(
     windows: Sequence[Window], terms: ChainTerms, x: Vector, config: CalibrationConfig
 ) -> list[Vector | None]:
-    """Specific force of each window in the left sole's frame (3,) [m/s^2]; None beside a gap."""
+    """Expected specific force of each window in the left sole frame (3,) [m/s^2]; None next to a gap."""
     places, up = [], np.array([0.0, 0.0, config.gravity])
     for window in windows:
         terms.update(window.q, x)
@@ -247,7 +247,7 @@ def _expected_forces(
 
 
 def _observability(covariance: Matrix, prior: float) -> dict[str, float]:
-    """Singular values of the data's information about the offsets [1/rad]: posterior less prior information."""
+    """Singular values of the information of the data on the offsets [1/rad]: posterior minus prior information."""
     information = 1.0 / np.linalg.eigvalsh(covariance) - 1.0 / prior**2
     singular = np.sqrt(np.maximum(information, 0.0))
     return {"singular_max": float(singular.max()), "singular_min": float(singular.min())}

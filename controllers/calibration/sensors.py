@@ -1,4 +1,4 @@
-"""Calibrations of single sensors: IMU at rest, foot sensors by the weight, encoders in a jig."""
+"""Calibration of single sensors: IMU at rest, foot sensors from the weight, encoders in a jig."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,24 +17,24 @@ from models.types import Vector
 def calibrate_imu(
     windows: Sequence[Window], model: RobotModel, base: Calibration, config: CalibrationConfig
 ) -> Outcome:
-    r"""Gyro bias and the part of the accelerometer's bias along gravity.
+    r"""Gyro bias, and the component of the accelerometer bias along gravity.
 
     .. math::
         b_w = \bar w - \bar w_k, \qquad u = \bar f / |\bar f|, \qquad b_f = (|\bar f| - g)\, u
 
-    with the means of angular rate and specific force at rest. w_k is the rate of the unit against the left sole, from
-    the encoders, while both feet carried the robot (else 0): a robot with a biased gyro leans slowly while it stands.
-    The two components of the accelerometer's bias across gravity look like a tilt of the unit and are not observable at
-    one attitude, and neither is a scale error apart from a bias: they stay 0 and are left to the state estimator.
-    ``base`` holds the other sensors' part of the result.
+    The means are of angular rate w and specific force f at rest. w_k is the rate of the IMU relative to the left sole,
+    from the encoders, while both feet bear the robot (else 0): a robot with a biased gyro leans slowly while it stands.
+    At one attitude, the accelerometer bias across gravity cannot be distinguished from a tilt of the IMU, nor a scale
+    error from a bias. They stay 0 and are left to the state estimator. ``base`` supplies the calibration of the other
+    sensors.
 
     Returns:
-        The calibration, or the reason of the refusal. Details: ``time`` [s], ``samples``, those of ``unrest``,
-        ``turning_{x,y,z}`` (w_k) and ``gyro_bias_{x,y,z}`` [rad/s], ``gravity_{x,y,z}`` (u, in the frame of the unit),
-        ``accel_norm`` [m/s^2], ``tilt`` of the unit [rad].
+        The calibration, or the reason of the refusal. Details: ``time`` [s], ``samples``, the details of ``unrest``,
+        ``turning_{x,y,z}`` (w_k) and ``gyro_bias_{x,y,z}`` [rad/s], ``gravity_{x,y,z}`` (u, in the IMU frame),
+        ``accel_norm`` [m/s^2], ``tilt`` of the IMU [rad].
 
     Assumptions:
-        The robot stands on ground that does not turn: a slow, steady turn looks like a bias.
+        The ground under the robot does not rotate: a slow, steady rotation looks like a bias.
     """
     limits = config.imu
     time = duration(windows, config.window)
@@ -68,7 +68,7 @@ def calibrate_imu(
 
 
 def _turning(windows: Sequence[Window], model: RobotModel, config: CalibrationConfig) -> Vector:
-    """Mean angular rate of the unit against the left sole, in the frame of the unit (3,) [rad/s]; 0 off the feet."""
+    """Mean angular rate of the IMU relative to the left sole, in the IMU frame (3,) [rad/s]; 0 if a foot hangs."""
     weight = model.mass * config.gravity
     time = windows[-1].t - windows[0].t
     if min(w.loads.min() for w in windows) < config.feet.air_load * weight or time <= 0.0:
@@ -92,16 +92,17 @@ def calibrate_feet(
         \min_{g} \sum_k \Big(\frac{\sum_i g_i (f_{ik} - o_i) - m g}{\sigma_m}\Big)^2
                 + \sum_i \Big(\frac{g_i - 1}{\sigma_g}\Big)^2 \;\text{(standing)}
 
-    f_ik: measured normal force of foot i in window k [N]; m: mass of the model. The gains are distinguished only when
-    the load has moved from one foot to the other by ``min_shift``; otherwise both get the same. New offsets reset the
-    gains to 1: those were found with the old ones. The offsets of ``base`` are used without a window in the air.
+    W_i is the wrench on foot i, f_ik its measured normal force in window k [N], m the mass of the model. The gains
+    differ only if the load moves from one foot to the other by ``min_shift``; otherwise both feet get the same gain.
+    New offsets reset the gains to 1, because the old gains belong to the old offsets. Without a window in the air, the
+    offsets of ``base`` are used.
 
     Returns:
         The calibration, or the reason of the refusal. Details: ``time_air``, ``time_standing`` [s], offsets
         ``left_fx`` ... ``right_tz`` [N, N.m], ``left_gain``, ``right_gain`` [-], ``shift`` [-].
 
     Assumptions:
-        The robot has no load and touches only the floor; the floor is level; no mass is below the sensor.
+        The robot carries no load and touches only the floor. The floor is level. No mass is below the sensors.
     """
     weight = model.mass * config.gravity
     loads = [float(np.abs(w.loads).sum()) for w in windows]
@@ -148,7 +149,7 @@ def _offsets(
         channels = zip(("fx", "fy", "fz", "tx", "ty", "tz"), row, strict=True)
         details |= {f"{foot}_{channel}": float(value) for channel, value in channels}
     text = f"offsets in the air, the largest force {np.abs(offsets[:, :3]).max():.2f} N"
-    # gains that were found with other offsets made up for the difference
+    # the old gains compensate for the old offsets
     return accept(text, details, replace(base, wrench_offsets=offsets, force_gains=np.ones(len(FOOT_NAMES))))
 
 
@@ -189,13 +190,12 @@ def _gains(
 def calibrate_in_jig(
     windows: Sequence[Window], model: RobotModel, base: Calibration, config: CalibrationConfig, offset_max: float
 ) -> Outcome:
-    """Offsets of all joints from the jig postures that the profile names: o = mean over postures of (q_m - q_jig).
+    """Offsets of all joints from the jig postures of the profile: o = mean over postures of (q_m - q_jig).
 
-    Each window at rest belongs to the posture from which no joint is further than ``offset_max`` [rad], the largest
-    plausible offset; windows that belong to none are the way between two postures. At least ``min_postures`` of the
-    postures must occur, in any order. ``base`` holds the other sensors' part of the result. Returns the calibration, or
-    the reason of the refusal. Details: the offset of each joint by name [rad], ``time_<posture>`` [s], ``disagreement``
-    between postures [rad].
+    A window at rest belongs to a posture if every joint is within ``offset_max`` [rad], the largest plausible offset.
+    Other windows are motions between postures. At least ``min_postures`` postures must occur, in any order. ``base``
+    supplies the calibration of the other sensors. Returns the calibration, or the reason of the refusal. Details: the
+    offset of each joint by name [rad], ``time_<posture>`` [s], ``disagreement`` between postures [rad].
     """
     names = model.profile.jig_postures
     seen: dict[str, list[Window]] = {name: [] for name in names}
@@ -240,7 +240,7 @@ def _missing(
     kept: dict[str, list[Window]],
     offset_max: float,
 ) -> str:
-    """Why there are too few postures: the joint that was furthest off in the posture that came closest."""
+    """Reason for too few postures: the closest missing posture, and the joint with the largest error in it."""
     missing = [name for name in model.profile.jig_postures if name not in kept]
     text = (
         f"the robot must rest in {config.posture.min_postures} jig postures for {config.posture.min_time:g} s each; "

@@ -1,4 +1,4 @@
-"""A calibration from start to outcome: samples collected and evaluated, driven by a closed loop or over the graph."""
+"""Calibration from start to outcome: sample collection and evaluation, in a closed loop or across nodes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,27 +17,27 @@ from models.robot_model import RobotModel
 from models.status import MotionState, MotionStatus
 from models.types import CommandReply, SensorData
 
-WHATS = ("imu", "joints", "feet")  #: What can be calibrated
+WHATS = ("imu", "joints", "feet")  #: Parts that can be calibrated
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationJob:
-    """All inputs of the computation, so that another process can run it."""
+    """All inputs of ``solve``, so that another process can run it."""
 
     what: str  # 'imu', 'joints' or 'feet'
     windows: tuple[Window, ...]
-    unusable: int  # number of samples left out
+    unusable: int  # number of excluded samples
     base: Calibration  # present calibration; the result replaces the part that was calibrated
     config: CalibrationConfig
     limits: CalibrationLimits  # plausible corrections
 
 
 class CalibrationSession:
-    """Collects raw samples and turns them into a calibration; deterministic, no clock, no files.
+    """Collects raw samples and computes a calibration from them; deterministic, no clock, no files.
 
-    ``joints`` depends on the feet: when they carried the robot it closes the chain through both soles, and when they
-    hung it compares with the jig postures of the profile. A robot without foot sensors cannot measure which, so
-    ``start`` has an argument for it; ``feet`` is refused. ``what`` is the part under calibration, empty without one.
+    The method for ``joints`` depends on the load on the feet: the closed chain through both soles when the robot
+    stands, the jig postures of the profile when it hangs. A robot without foot sensors cannot measure the load, so
+    ``start`` has the argument ``standing``; ``feet`` is refused. ``what`` is the part under calibration, or empty.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -46,18 +46,18 @@ class CalibrationSession:
         self._limits = default_config(CalibrationLimits, "models", "calibration")
         self._averager = WindowAverager(model, self.config.window)
         self._fitted = model.profile.sensors.feet.fitted
-        self._assumed = np.zeros((2, 6))  # wrenches where no foot sensors are fitted [N, N.m]
+        self._assumed = np.zeros((2, 6))  # assumed wrenches without foot sensors [N, N.m]
         self.what = ""
 
     @property
     def elapsed(self) -> float:
-        """Time that the collected windows cover [s]."""
+        """Time covered by the collected windows [s]."""
         return len(self._averager.windows) * self.config.window
 
     def start(self, what: str, *, standing: bool = True) -> CommandReply:
-        """Begin to collect; refused while a calibration runs and for anything but imu, joints and feet.
+        """Start collecting for 'imu', 'joints' or 'feet'; refused for other names and while a calibration runs.
 
-        ``standing`` is whether both feet carry the robot; used where no foot sensors are fitted.
+        ``standing`` is whether both feet bear the robot; used only without foot sensors.
         """
         if what not in WHATS:
             return CommandReply(False, f"calibration of {what[:32]!r} refused: known are {', '.join(WHATS)}")
@@ -71,12 +71,12 @@ class CalibrationSession:
         return CommandReply(True, f"collecting samples for '{what}'")
 
     def cancel(self) -> None:
-        """Cancel the calibration that runs."""
+        """Cancel the running calibration."""
         self.what = ""
         self._averager.clear()
 
     def add(self, sensors: SensorData) -> None:
-        """Add one raw sample (not corrected by any calibration); ignored without a calibration."""
+        """Add one raw sample (not corrected by any calibration); ignored when idle."""
         if self.what:
             self._averager.add(sensors if self._fitted else structs.replace(sensors, wrenches=self._assumed))
 
@@ -92,7 +92,7 @@ class CalibrationSession:
         return job
 
     def finish(self, base: Calibration) -> Outcome:
-        """End the calibration: the new one without a time stamp, or the reason of the refusal, with numbers."""
+        """End the calibration; returns the new one without a time stamp, or the reason of the refusal, with details."""
         if not self.what:
             return refuse("nothing is being calibrated: start first", {})
         return solve(self.job(base), self._model)
@@ -134,7 +134,7 @@ def _load(windows: Sequence[Window]) -> float:
     return float(np.mean([window.loads.sum() for window in windows]))
 
 
-#: Situations of the robot that matter here; any other one is named in a refusal
+#: Situations of the robot that the procedure handles; a refusal names any other
 STANDING, MOVING, HANGING = "stand", "motion", "hanging"
 #: Motions of a standing robot, by the part under calibration
 MOTIONS = {"joints": "calibrate_joints", "feet": "calibrate_feet"}
@@ -160,11 +160,11 @@ class CalibrationProcedure:
     ====== ================================== =============================
     imu    at rest                            at rest
     feet   the motion ``calibrate_feet``      at rest
-    joints the motion ``calibrate_joints``    refused: it takes a jig
+    joints the motion ``calibrate_joints``    refused: needs a jig
     ====== ================================== =============================
 
-    The robot's situation must not change, except for the requested motion: 'stand', 'motion', 'stand'. ``problem`` is
-    the reason why a calibration was abandoned, empty otherwise.
+    The situation of the robot must not change, except for the requested motion: 'stand', 'motion', 'stand'. ``problem``
+    is the reason of an aborted calibration, empty otherwise.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -183,7 +183,7 @@ class CalibrationProcedure:
         return self._stage is Stage.READY and not self.problem
 
     def begin(self, what: str, situation: str) -> CommandReply:
-        """Begin 'imu', 'joints' or 'feet', or refuse; ``situation``: 'stand' (drivers active), 'hanging', other."""
+        """Begin 'imu', 'joints' or 'feet'; refused unless ``situation`` is 'stand' (drivers active) or 'hanging'."""
         if situation not in (STANDING, HANGING):
             reason = f"calibration of '{what[:32]}' refused while the robot is '{situation}': stand or hang first"
             return CommandReply(False, reason)
@@ -209,7 +209,7 @@ class CalibrationProcedure:
         return job
 
     def take_motion(self) -> str:
-        """Name of a motion to request from the supervisor, returned once; empty without one."""
+        """Name of a motion to request from the supervisor, returned once; empty if none."""
         motion, self._ask = self._motion if self._ask else "", False
         return motion
 
@@ -243,7 +243,7 @@ class CalibrationProcedure:
             self._give_up(f"the robot is '{situation}'")
 
     def on_request(self, request: str) -> None:
-        """Handle a request for a motion by any client: its name and a number, or 'stop'."""
+        """Handle a motion request of any client: name and number, or 'stop'."""
         if self._stage not in (Stage.ASKED, Stage.MOVING, Stage.MOVED) or self.problem:
             return
         name = request.partition(" ")[0]
@@ -253,7 +253,7 @@ class CalibrationProcedure:
             self._give_up(f"the motion '{name[:32]}' was asked for")
 
     def on_motion(self, status: MotionStatus) -> None:
-        """Follow the requested motion by its status."""
+        """Handle the status of the requested motion."""
         if status.state is MotionState.REFUSED:
             if self._stage is Stage.ASKED and status.request.partition(" ")[0] == self._motion:
                 self._give_up(f"the motion '{self._motion}' was refused: {status.reason}")
@@ -268,7 +268,7 @@ class CalibrationProcedure:
             self._give_up(f"the motion '{self._motion}' {status}")
 
     def wait(self, dt: float) -> None:
-        """Advance the machine's clock by a time [s]."""
+        """Advance the timeouts by ``dt`` [s] on the machine's clock."""
         if self._stage in (Stage.IDLE, Stage.READY) or self.problem:
             return
         self._silent += dt

@@ -1,4 +1,4 @@
-"""Samples averaged over short windows, whether the robot was at rest in them, and the outcome of a calibration."""
+"""Averages of samples over short windows, check for rest in them, and the outcome of a calibration."""
 
 import re
 from collections.abc import Sequence
@@ -16,19 +16,19 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Answer of a calibration."""
+    """Result of a calibration."""
 
-    reply: CommandReply  # success or the reason of the refusal, and the numbers
-    calibration: Calibration | None = None  # none when it was refused
+    reply: CommandReply  # success or the reason of the refusal, with details
+    calibration: Calibration | None = None  # None when refused
 
 
 def refuse(reason: str, details: dict[str, float]) -> Outcome:
-    """A refusal with its numbers."""
+    """Outcome of a refused calibration, with details."""
     return Outcome(CommandReply(False, reason, details))
 
 
 def accept(reason: str, details: dict[str, float], calibration: Calibration) -> Outcome:
-    """A success with its numbers."""
+    """Outcome of a successful calibration, with details."""
     return Outcome(CommandReply(True, reason, details), calibration)
 
 
@@ -37,15 +37,15 @@ def named(name: str, values: Vector) -> dict[str, float]:
     return {f"{name}_{axis}": float(value) for axis, value in zip(AXES, values, strict=True)}
 
 
-_ROUNDING = 1e-6  #: Relative rounding of stamps that does not lengthen a window
+_ROUNDING = 1e-6  #: Relative tolerance on the length of a window, for rounded stamps [-]
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
     """Means of the samples of one window."""
 
-    t: float  # stamp of its last sample [s]
-    samples: int  # number of them
+    t: float  # stamp of the last sample [s]
+    samples: int  # number of samples
     q: Vector  # joint positions (nj,) [rad]
     v: Vector  # joint velocities (nj,) [rad/s]
     gyro: Vector  # angular rate (3,) [rad/s]
@@ -64,7 +64,7 @@ class Window:
 
 
 class WindowAverager:
-    """Averages samples over windows of ``length`` [s]; ``unusable`` counts those not finite or not newer."""
+    """Averages samples over windows of ``length`` [s]; ``unusable`` counts samples that are not finite or not newer."""
 
     def __init__(self, model: RobotModel, length: float) -> None:
         self._nj, self._length = model.nj, length
@@ -99,7 +99,7 @@ class WindowAverager:
         self._last = sensors.t
         self._sum += values
         self._count += 1
-        # n samples span n - 1 periods of the n that they stand for; stamps are rounded
+        # n samples cover n periods, their stamps span n - 1; stamps are rounded
         full = self._length * (self._count - 1) / self._count * (1.0 - _ROUNDING)
         if self._count > 1 and sensors.t - self._begin >= full:
             self._finish(sensors.t)
@@ -122,12 +122,12 @@ class WindowAverager:
 
 
 def duration(windows: Sequence[Window], length: float) -> float:
-    """Time that windows of a length cover [s]."""
+    """Time covered by windows of ``length`` [s]."""
     return len(windows) * length
 
 
 def unrest(windows: Sequence[Window], model: RobotModel, config: RestConfig) -> tuple[str, dict[str, float]]:
-    """What moved in windows, empty at rest, and speeds, drift and spreads: standard deviations of window means."""
+    """Violated bound of rest (empty at rest); details: speed, drift, spreads as standard deviations of window means."""
     speeds = np.abs([w.v for w in windows]).max(axis=0)  # (nj,)
     drifts = np.ptp([w.q for w in windows], axis=0)  # (nj,)
     details = {
@@ -156,7 +156,7 @@ def _joint(
     return f"joint '{model.joint_names[i]}' {verb} {values[i]:.3g} {unit} (at most {limit:g})"
 
 
-#: Unit of a number by pattern of its name
+#: Unit of a detail by pattern of its name
 UNITS = {
     r"time(_\w+)?": "s",
     r"joint_speed|gyro_spread|gyro_drift|(turning|gyro_bias)_[xyz]": "rad/s",
@@ -166,12 +166,12 @@ UNITS = {
     r"(left|right)_t[xyz]": "N.m",
     r"singular_(max|min)": "1/rad",
 }
-#: Pattern of the names of counts, ratios and directions
+#: Pattern of names without a unit: counts, ratios and directions
 PLAIN = r"(samples|windows|joints)(_\w+)?|residual|shift|gravity_[xyz]|(left|right)_gain"
 
 
 def name_and_unit(text: str) -> tuple[str, str]:
-    """Name and unit, empty for counts and ratios, of ``gyro_bias_x [rad/s]`` and the like; else a joint's offset."""
+    """Name and unit of a detail such as ``gyro_bias_x [rad/s]``; unit empty for counts and ratios, rad for a joint."""
     name, bracket, unit = text.partition(" [")
     if bracket:
         unit = unit.removesuffix("]")
