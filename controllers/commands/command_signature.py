@@ -1,24 +1,24 @@
-"""Signed text commands: authentic, unchanged, and not replayed.
+"""Signed text commands: protection against forgery, changes and replay.
 
     v1 <source> <stamp> <tag> <text>        tag = HMAC-SHA256(key, "v1 <source> <stamp> <text>") in hexadecimal
 
-The stamp is the sender's wall time in nanoseconds, and at least one more than that of the command before it. A command
-is accepted when its tag is right, its stamp is newer than that of the last one accepted from the same source, and not
-farther than a window from the verifier's wall time. A sender can therefore restart without a file, which a counter
-would need, and commands that are replayed, overtaken or held back are refused. The window bounds the delay of a
-command and the difference of the two clocks.
+The stamp is the sender's wall time in nanoseconds, increased to at least one more than the previous stamp. A command is
+accepted if its tag is correct, its stamp is newer than the last one accepted from the same source, and the stamp is
+within a window of the verifier's wall time. Replayed, overtaken and delayed commands are therefore refused. Unlike a
+counter, the stamp needs no file when a sender restarts. The window bounds the delay of a command and the difference of
+the two clocks.
 
-A verifier that restarts has lost the stamps. It refuses, with that reason, all commands stamped before its start plus
-one window; no command accepted earlier had a stamp farther ahead than that, so no replay passes.
+A restarted verifier has lost the stamps. It refuses, with that reason, all commands stamped before its start plus one
+window. No command accepted earlier has a later stamp, so no replay passes.
 
 Limits:
-    - A clock that is set back makes commands of this sender fail until it has caught up, and they are refused with
-      that reason. A verifier whose clock is set back and that is restarted then accepts replays of commands since
-      that time of day: make a new key.
-    - Every holder of the key can write any source, and nothing is encrypted.
-    - A command that is kept from arriving is not detected.
+    - If the sender's clock is set back, its commands are refused with that reason until the clock has caught up. If the
+      verifier's clock is set back and the verifier restarts, it accepts replays of commands since that time of day:
+      make a new key.
+    - Every holder of the key can sign for any source. Nothing is encrypted.
+    - A suppressed command is not detected.
 
-A key file holds random bytes in hexadecimal, readable by their owner alone.
+A key file contains random bytes in hexadecimal, readable only by their owner.
 """
 
 import hashlib
@@ -37,24 +37,24 @@ from models.errors import CommandError, ConfigError
 
 VERSION = "v1"
 
-KEY_BYTES = 32  #: Least length of a key
-MAX_TEXT = 256  #: Longest text that is signed [characters]; a supervisor takes no longer ones
+KEY_BYTES = 32  #: Minimum length of a key [bytes]
+MAX_TEXT = 256  #: Longest text that is signed [characters]; the supervisor accepts no longer text
 _MAX_KEY_FILE = 4096  #: Longest key file that is read [bytes]
-_MAX_LINE = 512  #: Longest line that is looked at [characters]
+_MAX_LINE = 512  #: Longest line that is parsed [characters]
 _SOURCE = re.compile(r"[a-z0-9_-]{1,32}", re.ASCII)
 _STAMP = re.compile(r"[1-9][0-9]{0,18}", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
 class VerifiedCommand:
-    """A command whose signature was right."""
+    """A command with a valid signature."""
 
     source: str
     text: str
 
 
 def _tag(key: bytes, source: str, stamp: str, text: str) -> str:
-    """No two triples give the same signed bytes: neither source nor stamp holds a blank."""
+    """Tag of a command; the signed bytes are unambiguous, because neither source nor stamp contains a blank."""
     signed = f"{VERSION} {source} {stamp} {text}".encode("utf-8", "surrogatepass")
     return hmac.new(key, signed, hashlib.sha256).hexdigest()
 
@@ -68,8 +68,8 @@ def _checked_key(key: bytes) -> bytes:
 class Signer:
     """Signs the commands of one source.
 
-    ``clock`` is the wall time [ns]; ``source`` is 1 to 32 of a-z, 0-9, ``_`` and ``-``. Raises ``ConfigError``
-    otherwise, or for a ``key`` shorter than ``KEY_BYTES``.
+    ``clock`` returns the wall time [ns]; ``source`` has 1 to 32 characters of a-z, 0-9, ``_`` and ``-``. Raises
+    ``ConfigError`` otherwise, or for a ``key`` shorter than ``KEY_BYTES``.
     """
 
     def __init__(self, key: bytes, source: str, clock: Callable[[], int] = time.time_ns) -> None:
@@ -79,7 +79,7 @@ class Signer:
         self._last = 0
 
     def sign(self, text: str) -> str:
-        """Signed line of a command; ``CommandError`` when it is empty, too long, or not one printable line."""
+        """Signed line of a command; ``CommandError`` if the text is empty, too long, or not one printable line."""
         if not text.strip() or len(text) > MAX_TEXT or not text.isprintable():
             raise CommandError(f"cannot be signed: {text[:32]!r} is not one line of 1 to {MAX_TEXT} characters")
         self._last = max(self._clock(), self._last + 1)
@@ -87,10 +87,10 @@ class Signer:
 
 
 class Verifier:
-    """Opens signed commands; a refused one does not change its state.
+    """Verifies signed commands; a refused command does not change the state.
 
-    ``window`` is the largest distance of a stamp from the wall time ``clock`` [ns], to either side [s]. Raises
-    ``ConfigError`` when it is not positive or the key is short.
+    ``window`` is the largest difference between a stamp and the wall time ``clock`` [ns], of either sign [s]. Raises
+    ``ConfigError`` if it is not positive and finite, or the key is too short.
     """
 
     def __init__(self, key: bytes, window: float, clock: Callable[[], int] = time.time_ns) -> None:
@@ -102,7 +102,7 @@ class Verifier:
         self._newest: dict[str, int] = {}
 
     def verify(self, line: str) -> VerifiedCommand:
-        """Open a line of ``Signer.sign``; ``CommandError`` when unsigned, forged, replayed, too old or early."""
+        """Verify a line of ``Signer.sign``; ``CommandError`` if unsigned, forged, replayed, too old or too early."""
         source, stamp, tag, text = self._parts(line)
         if not hmac.compare_digest(tag.encode("utf-8", "replace"), _tag(self._key, source, stamp, text).encode()):
             raise CommandError(f"forged: the signature of '{source[:32]}' is wrong; signed with another key or changed")
@@ -129,7 +129,7 @@ class Verifier:
         return source, stamp, tag, text
 
     def _check_stamp(self, source: str, stamp: int) -> None:
-        """Refuse a rightly signed command of another time; a change of a clock explains it as well as a replay."""
+        """Refuse a stamp outside the accepted range; the cause is a replay or a change of a clock."""
         now, newest = self._clock(), self._newest.get(source)
         if newest is not None and stamp <= newest:
             behind = (newest - stamp) / NANOSECONDS
@@ -153,7 +153,7 @@ class Verifier:
 
 
 def write_key(path: Path) -> None:
-    """Create a key file of ``KEY_BYTES`` random bytes with mode 0600; ``ConfigError`` when it exists already."""
+    """Create a key file of ``KEY_BYTES`` random bytes with mode 0600; ``ConfigError`` if it exists already."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(descriptor, "w", encoding="ascii") as file:
@@ -170,7 +170,7 @@ def read_key(path: Path) -> bytes:
     """Read a key file; ``ConfigError`` when it is absent, readable by others, or too short."""
     try:
         with path.open("rb") as file:
-            mode = os.fstat(file.fileno()).st_mode  # of the very file that is read
+            mode = os.fstat(file.fileno()).st_mode  # of the opened file, not of the path
             text = file.read(_MAX_KEY_FILE)
     except OSError as error:
         raise ConfigError(f"{path}: no key can be read: {error.strerror}; make one with: poise key {path}") from error
@@ -179,7 +179,7 @@ def read_key(path: Path) -> bytes:
     try:
         key = bytes.fromhex(text.decode("ascii").strip())
     except ValueError as error:
-        raise ConfigError(f"{path}: not a key in hexadecimal") from error  # without its content
+        raise ConfigError(f"{path}: not a key in hexadecimal") from error  # the message omits the content
     if len(key) < KEY_BYTES:
         raise ConfigError(f"{path}: {len(key)} bytes are fewer than {KEY_BYTES}")
     return key

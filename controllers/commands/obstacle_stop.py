@@ -1,4 +1,4 @@
-"""Obstacle stop: limits a walking velocity by the readings of a planar scanner in the direction of travel."""
+"""Obstacle stop: limits the walking velocity by the scan of a planar scanner in the direction of travel."""
 
 import dataclasses
 import math
@@ -18,17 +18,17 @@ from models.types import Matrix, Vector, Velocity
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ObstacleStopConfig:
-    """Gaps, speeds and times of the obstacle stop; every field is documented with its unit."""
+    """Gaps, speeds and times of the obstacle stop."""
 
     stop_distance: Annotated[float, Field(gt=0, le=5)]  #: Gap at which the robot must stand [m]
-    release_distance: Annotated[float, Field(gt=0, le=10)]  #: Gap from which the robot may walk again [m]
-    release_time: Annotated[float, Field(ge=0, le=60)]  #: Time for which the gap must be this long [s]
-    margin: Annotated[float, Field(ge=0, le=2)]  #: Corridor beyond the body, each side [m]
+    release_distance: Annotated[float, Field(gt=0, le=10)]  #: Gap above which the robot may walk again [m]
+    release_time: Annotated[float, Field(ge=0, le=60)]  #: Time for which the gap must reach release_distance [s]
+    margin: Annotated[float, Field(ge=0, le=2)]  #: Widening of the corridor beyond the body on each side [m]
     deceleration: Annotated[float, Field(gt=0, le=10)]  #: Assumed deceleration of a walk [m/s^2]
-    reaction_time: Annotated[float, Field(ge=0, le=5)]  #: From a reading to the first effect [s]
+    reaction_time: Annotated[float, Field(ge=0, le=5)]  #: Time from a scan to its first effect [s]
     speed_min: Annotated[float, Field(gt=0, le=1)]  #: Slowest walk towards an obstacle [m/s]
     scan_timeout: Annotated[float, Field(gt=0, le=5)]  #: Oldest usable scan [s]
-    points_min: Annotated[int, Field(ge=1, le=100)]  #: Readings that make an obstacle [1]
+    points_min: Annotated[int, Field(ge=1, le=100)]  #: Minimum number of readings of an obstacle [1]
 
     def __post_init__(self) -> None:
         if self.release_distance <= self.latch_distance:
@@ -39,13 +39,13 @@ class ObstacleStopConfig:
 
     @property
     def latch_distance(self) -> float:
-        """Gap below which not even ``speed_min`` is allowed [m]."""
+        """Gap below which the allowed speed is less than ``speed_min`` [m]."""
         return self.stop_distance + self.speed_min * (self.reaction_time + 0.5 * self.speed_min / self.deceleration)
 
 
 #: Names of directions in B, counter-clockwise in quarters from x
 SIDES = ("ahead", "on the left", "behind", "on the right")
-#: Cosine of the angle between directions that share a stop: an eighth of a turn to either side
+#: Cosine of the largest angle between directions that share a stop: 45 deg to either side
 _SAME_WAY = math.cos(math.radians(45.0))
 
 
@@ -53,11 +53,11 @@ _SAME_WAY = math.cos(math.radians(45.0))
 class _Stop:
     direction: Vector  # unit vector in B (2,)
     reason: str
-    free_since: float | None = None  # stamp since which the gap has been long enough [s]; None while it is not
+    free_since: float | None = None  # stamp at which the gap became long enough [s]; None while it is too short
 
 
 class BodyOutline:
-    """Reach of a standing robot to every side: hulls and soles in the 'stand' posture, seen from above in B."""
+    """Horizontal extent of a standing robot in B: hulls and soles in the 'stand' posture."""
 
     def __init__(self, model: RobotModel) -> None:
         self._data = model.data()
@@ -71,33 +71,33 @@ class BodyOutline:
         self._radii: Vector = np.array([radius for _, _, radius in points])
 
     def placement(self, frame: int) -> pin.SE3:
-        """Placement in B of a frame of Pinocchio, in this posture."""
+        """Placement of a Pinocchio frame in B, in this posture."""
         return self._base.actInv(self._data.oMf[frame])
 
     def reach(self, direction: Vector) -> float:
-        """Reach of the body from B's origin in a direction, a unit vector in B (2,) [m]."""
+        """Extent of the body from the origin of B along a unit vector in B (2,) [m]."""
         return float((self._centres @ direction + self._radii).max())
 
 
 class ObstacleStop:
-    """Limits a walking velocity by the gap between the body and the nearest obstacle in its way.
+    """Limits the walking velocity by the gap between the body and the nearest obstacle in the direction of travel.
 
-    The corridor is the area that the body sweeps when it walks straight in the commanded direction, widened by
-    ``margin``. With the gap ``g`` between body and obstacle along it, the speed stays below the one from which the walk
-    still halts at ``stop_distance``:
+    The corridor is the area that the body sweeps on a straight walk in the commanded direction, widened by ``margin``.
+    ``g`` is the gap between body and obstacle along the corridor. The speed ``v`` is bounded so that the walk halts at
+    ``stop_distance``:
 
         v t_r + v^2 / (2 a) <= g - stop_distance,    t_r = reaction_time, a = deceleration
 
-    Where that leaves less than ``speed_min``, translation in this direction stops, and is free again once the gap has
-    been at least ``release_distance`` for ``release_time``. Turning is always allowed. A scan older than
-    ``scan_timeout`` stops translation in every direction. A robot whose profile has no scanner is not limited.
+    If the bound is below ``speed_min``, translation in this direction stops. It is released once the gap has been at
+    least ``release_distance`` for ``release_time``. Turning is always allowed. A scan older than ``scan_timeout`` stops
+    translation in every direction. The velocity of a robot without a scanner in its profile is not limited.
 
-    Directions are those of B, so a robot that turns away from an obstacle becomes free. The frame ``scan`` of the robot
-    is level and that of the 'stand' posture.
+    Directions are expressed in B, so turning away from an obstacle releases the robot. The frame ``scan`` is level and
+    has its pose in the 'stand' posture.
 
     Assumptions:
-        The scan shows obstacles only. Returns from the floor come from farther away than ``release_distance`` unless
-        the robot leans by more than a standing one can; returns from the robot itself are removed by its driver.
+        The scan contains only obstacles. Returns from the floor are farther away than ``release_distance`` unless the
+        robot leans more than it can while standing. The scanner driver removes returns from the robot itself.
     """
 
     def __init__(self, model: RobotModel, config: ObstacleStopConfig | None = None) -> None:
@@ -112,13 +112,13 @@ class ObstacleStop:
 
     def reset(self) -> None:
         """Discard every scan and every stop."""
-        self.stamp: float | None = None  #: Of the newest scan [s]
+        self.stamp: float | None = None  #: Stamp of the newest scan [s]
         self._points: Matrix = np.empty((0, 2))
         self._stops: list[_Stop] = []
 
     @property
     def stopped(self) -> bool:
-        """Whether there is a direction in which the robot may not walk because of an obstacle."""
+        """Whether an obstacle stops the robot in any direction."""
         return bool(self._stops)
 
     def update(self, scan: Scan) -> None:
@@ -131,7 +131,7 @@ class ObstacleStop:
         self._stops = [stop for stop in self._stops if not self._released(stop, scan.t)]
 
     def limit(self, velocity: Velocity, t: float) -> tuple[Velocity, str]:
-        """Allowed part of a velocity in B [m/s, m/s, rad/s] at ``t`` [s], and the reason if it is less, else empty."""
+        """Allowed velocity in B [m/s, m/s, rad/s] at ``t`` [s], and the reason of a reduction; empty if unchanged."""
         forward, left, turn = velocity
         if not all(math.isfinite(value) for value in velocity):
             return (0.0, 0.0, 0.0), "stopped: the velocity is not finite"
@@ -148,7 +148,7 @@ class ObstacleStop:
         return (share * forward, share * left, turn), f"slowed: obstacle {_side(forward, left)}"
 
     def gap(self, direction: Vector) -> float:
-        """Free way of the body in a direction, a unit vector in B (2,) [m]; inf without an obstacle."""
+        """Gap between body and obstacle along a unit vector in B (2,) [m]; inf without an obstacle."""
         across = np.array([-direction[1], direction[0]])
         side = self._points @ across  # (k,)
         margin, outline = self.config.margin, self._outline
@@ -161,7 +161,7 @@ class ObstacleStop:
         return float(np.partition(along, count - 1)[count - 1]) - outline.reach(direction)
 
     def _blind(self, t: float) -> str:
-        """Why there is no usable scan; empty when there is one."""
+        """Reason why no scan is usable; empty if one is."""
         if self.stamp is None:
             return "stopped: no scan"
         if abs(t - self.stamp) > self.config.scan_timeout:
@@ -169,7 +169,7 @@ class ObstacleStop:
         return ""
 
     def _stop(self, direction: Vector) -> str:
-        """Why the robot may not walk in a direction (2,), from now on or still; empty when it may."""
+        """Reason of a new or present stop in a direction (2,); empty if the robot may walk."""
         for stop in self._stops:
             if stop.direction @ direction >= _SAME_WAY:
                 return stop.reason
@@ -181,7 +181,7 @@ class ObstacleStop:
         return reason
 
     def _released(self, stop: _Stop, t: float) -> bool:
-        """Whether a stop is over at the stamp of a new scan [s]."""
+        """Whether a new scan with stamp ``t`` [s] ends a stop."""
         if self.gap(stop.direction) < self.config.release_distance:
             stop.free_since = None
             return False
@@ -189,7 +189,7 @@ class ObstacleStop:
         return t - stop.free_since >= self.config.release_time
 
     def _speed_within(self, gap: float) -> float:
-        """Largest speed from which the robot halts at ``stop_distance`` before an obstacle at a gap [m]."""
+        """Largest speed [m/s] from which the robot halts at ``stop_distance`` before an obstacle at ``gap`` [m]."""
         config = self.config
         lag = config.deceleration * config.reaction_time
         return math.sqrt(lag**2 + 2.0 * config.deceleration * max(gap - config.stop_distance, 0.0)) - lag
