@@ -1,4 +1,4 @@
-"""Reports of the other nodes at one instant, for the supervisor, and the problems that follow."""
+"""Reports of the other nodes at one instant, and the faults that the supervisor derives from them."""
 
 import math
 from dataclasses import dataclass
@@ -17,20 +17,20 @@ class SupervisorConfig:
     """Schema of ``controllers/config/supervisor.yaml``: limits and vocabulary of the mode machine."""
 
     motions: tuple[str, ...]  #: Text commands that are planned as motions
-    walking_motions: tuple[str, ...]  #: Motions of arms and head alone, while walking
+    walking_motions: tuple[str, ...]  #: Motions with arms and head only, allowed while walking
     fall_tilt: Annotated[float, Field(gt=0, le=3.1)]  #: Base tilt that counts as a fall [rad]
     state_timeout: Annotated[float, Field(gt=0, le=2.0)]  #: Oldest usable state estimate [s]
     coasting_max: Annotated[float, Field(gt=0, le=1.0)]  #: Longest drop-out of the IMU or the joints [s]
     controller_timeout: Annotated[float, Field(gt=0, le=2.0)]  #: Oldest usable command [s]
     heartbeat_timeout: Annotated[float, Field(gt=0.3, le=60)]  #: Longest silence of a node's diagnostics [s]
-    overruns_max: Annotated[int, Field(gt=0, le=10000)]  #: Ticks in a row over their budget that damp [1]
+    overruns_max: Annotated[int, Field(gt=0, le=10000)]  #: Ticks in a row over budget that damp the robot [1]
     plan_timeout: Annotated[float, Field(gt=0, le=120)]  #: Longest wait for a motion to start [s]
-    text_length_max: Annotated[int, Field(ge=16, le=4096)]  #: Longest text command read [characters]
+    text_length_max: Annotated[int, Field(ge=16, le=4096)]  #: Longest accepted text command [characters]
     rate_tolerance: Annotated[float, Field(gt=0, lt=1)]  #: Accepted relative deviation of a rate [-]
     mass_tolerance: Annotated[float, Field(gt=0, lt=1)]  #: Accepted relative deviation of the mass [-]
     limit_margin: Annotated[float, Field(ge=0, le=1)]  #: Accepted excess over a joint limit [rad]
-    filler_words: tuple[str, ...]  #: Words that may stand beside a text command
-    walk_on_velocity: bool  #: Whether a velocity begins a walk of a standing robot
+    filler_words: tuple[str, ...]  #: Words allowed besides a text command
+    walk_on_velocity: bool  #: Whether a velocity starts a walk of a standing robot
     text_speed: Annotated[float, Field(ge=0, le=3)]  #: Speed of 'forward' and 'backward' [m/s]
     text_side_speed: Annotated[float, Field(ge=0, le=3)]  #: Speed of 'left' and 'right' [m/s]
     text_turn: Annotated[float, Field(ge=0, le=6)]  #: Turning speed of 'turn' [rad/s]
@@ -42,51 +42,51 @@ class Severity(IntEnum):
     """Effect of a fault; the most severe one wins."""
 
     HOLD = 1  # no velocity and no new motion; ends with its cause
-    STAND = 2  # a walk ends with its step, a motion where it is; no other begins before the cause has gone
-    DAMP = 3  # damped until ``reset_faults``; removing all torque is left to people
+    STAND = 2  # a walk comes to a standstill, a motion stops at once; none begins before the cause has gone
+    DAMP = 3  # damped until ``reset_faults``; only an operator removes all torque
 
 
 class Problem(NamedTuple):
     """One fault."""
 
-    severity: Severity  # capability that it takes away
-    reason: str  # one sentence with the figure that broke the limit, or the culprit's name
+    severity: Severity  # effect on the robot
+    reason: str  # one sentence with the value that exceeds its limit, or the name of the source
 
 
 def second_publisher(topic: str, who: str) -> str:
-    """The sentence about a topic with a second publisher, which is named."""
+    """Sentence on a topic with a second publisher ``who``."""
     return f"'{topic}' has a second publisher: {who}; end it, and stand or call reset_faults"
 
 
 def tilt(quaternion: Vector) -> float:
-    """Angle of the base's z axis to the vertical [rad], of the orientation in W, xyzw (4,); NaN when not finite."""
+    """Angle between the z axis of the base and the vertical [rad]; orientation in W, xyzw (4,). NaN if not finite."""
     x, y, z, w = quaternion
     cosine = (z * z + w * w - x * x - y * y) / (x * x + y * y + z * z + w * w)
     return math.acos(min(max(cosine, -1.0), 1.0))
 
 
 def fallen(config: SupervisorConfig, angle: float) -> bool:
-    """Whether a tilt of the base [rad], NaN when unknown, is that of a fall."""
+    """Whether a base tilt [rad] counts as a fall; NaN (unknown) does."""
     return not angle < config.fall_tilt
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """Newest reports, by stamp."""
+    """Newest report of each kind."""
 
     state_stamp: float  # of the newest state estimate [s]
     command_stamp: float  # of the newest whole-body command [s]
     tilt: float  # of the base from upright [rad]
-    status: SolveStatus = SolveStatus.OPTIMAL  # origin of the newest command
+    status: SolveStatus = SolveStatus.OPTIMAL  # solver status of the newest command
     drivers_damped: bool = False  # the joint drivers fell back to damping by themselves
     motion_active: bool = False  # the controller is following a motion
     overruns: int = 0  # consecutive ticks over the controller's time budget
     gait_active: bool = False  # the robot walks, or has not yet come to a standstill
     coasting: float = 0.0  # time without samples of the IMU or the joints [s]
-    silent: tuple[str, ...] = ()  # nodes without a sign of life, apart from those that the stamps cover
-    intruders: tuple[str, ...] = ()  # sentences on sensor topics with a second publisher
-    hardware: tuple[str, ...] = ()  # sentences of the monitors of a real robot
-    joint_fault: str = ""  # of a motor or an encoder; empty without one
+    silent: tuple[str, ...] = ()  # nodes without recent diagnostics; the stamps cover the others
+    intruders: tuple[str, ...] = ()  # one sentence per sensor topic with a second publisher
+    hardware: tuple[str, ...] = ()  # faults reported by the monitors of a real robot, one sentence each
+    joint_fault: str = ""  # fault of a motor or an encoder; empty if none
 
     def problems(self, config: SupervisorConfig, t: float) -> list[Problem]:
         """Problems at time t [s], most severe first; empty when healthy."""
@@ -96,7 +96,7 @@ class Health:
         return found + [Problem(Severity.HOLD, f"node '{node}' gives no sign of life") for node in self.silent]
 
     def _damping(self, config: SupervisorConfig, t: float) -> list[str]:
-        """Faults that end standing, the most informative first."""
+        """Reasons to damp the robot, the most informative first."""
         found = []
         if fallen(config, self.tilt):
             found.append(f"fallen: base tilt {self.tilt:.2f} rad exceeds {config.fall_tilt:.2f} rad")

@@ -1,4 +1,4 @@
-"""Finds motors that do not give the commanded torque, and encoders that are stuck."""
+"""Detects motors that do not deliver the commanded torque, and stuck encoders."""
 
 from typing import NamedTuple
 
@@ -13,46 +13,46 @@ from models.robot_model import RobotModel
 from models.types import JointCommand, RobotState
 
 Array = NDArray[np.float64]
-_STRIDE = 8  #: Ticks in which every delay is tried once
-_BETTER = 0.9  #: Misfit of a delay, over that of the present one, below which it replaces it [-]
+_STRIDE = 8  #: Number of ticks in which every delay is evaluated once
+_BETTER = 0.9  #: A delay replaces the present one if the ratio of their misfits is below this [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class JointMonitorConfig:
     """Thresholds of a joint fault."""
 
-    window: Share  # of the mean torques, and of a stuck encoder [s]
-    error: Positive  # of the mean torque at a fault, over the motor's largest one [-]
-    commanded: Positive  # mean commanded torque of a motor without output, likewise [-]
-    no_output: Positive  # mean torque that counts as none, likewise [-]
-    offset: Positive  # added to the first two, and an eighth of it to the third [N.m]
-    margin: NonNegative  # distance from a joint's limit within which no torque is judged [rad]
-    grace: NonNegative  # time after a start without a judgement [s]
-    delay: Positive  # longest delay of the commands that is measured [s]
-    delay_window: Positive  # time constant of that measurement [s]
-    lookahead: Fraction  # share of the delay over which setpoints look ahead [-]
+    window: Share  # averaging time of torques, and time of constant readings of a stuck encoder [s]
+    error: Positive  # error of the mean torque at a fault, as a share of the largest torque [-]
+    commanded: Positive  # least mean commanded torque of a motor without output, likewise [-]
+    no_output: Positive  # mean torque below which a motor has no output, likewise [-]
+    offset: Positive  # added to error and commanded, an eighth of it to no_output [N.m]
+    margin: NonNegative  # distance from a joint limit within which torques are not checked [rad]
+    grace: NonNegative  # time after a reset without checks [s]
+    delay: Positive  # longest measurable delay of the commands [s]
+    delay_window: Positive  # time constant of the delay measurement [s]
+    lookahead: Fraction  # share of the delay used as look-ahead of the setpoints [-]
 
 
 class _Memory(NamedTuple):
     """Constants and state of ``JointMonitor``."""
 
-    #: kp, kd, largest torque, allowed error of the mean torque; of a motor without output: least commanded torque,
-    #: largest torque given; lowest and highest position and fastest velocity at which the drivers follow commands;
-    #: largest change of a torque in a tick (10, nj)
+    #: kp, kd, largest torque, bound of the error of the mean torque; for a motor without output: least commanded and
+    #: largest measured torque; lowest and highest position and largest velocity at which torques are checked;
+    #: largest change of a torque per tick (10, nj)
     gains: Array
-    #: Torques of the last commands at zero position and velocity, and at the sample that they answer
+    #: Torques of the last commands without feedback, and with the feedback of the sample they were computed from
     #: (2, ticks, nj) [N.m]
     sent: Array
-    share: float  # of a trial in the misfit of a delay [-]
-    #: Mean error of the torques over their limits, evaluated by the drives and at the sample, with delays of 1, 2, ...
-    #: ticks (2, ticks) [-]
+    share: float  # filter gain of the misfit of a delay [-]
+    #: Mean torque error as a share of the limits, with feedback evaluated by the drives and at the sample, for delays
+    #: of 1, 2, ... ticks (2, ticks) [-]
     misfit: Array
-    fit: NDArray[np.int64]  # whether torques are evaluated at the sample, measured delay [ticks] (2,)
-    expected: Array  # torques (nj,) [N.m]
-    torques: Array  # expected and given in the last ticks (rows, 2, nj) [N.m]
-    last: Array  # positions and velocities (2, nj)
-    still: NDArray[np.int64]  # ticks for which both have been the same (nj,)
-    mean: Array  # of the torques expected and given, and of the size of the latter (3, nj) [N.m]
+    fit: NDArray[np.int64]  # 1 if feedback is evaluated at the sample, else 0; measured delay [ticks] (2,)
+    expected: Array  # expected torques (nj,) [N.m]
+    torques: Array  # expected and measured in the last ticks (rows, 2, nj) [N.m]
+    last: Array  # positions and velocities of the last tick (2, nj)
+    still: NDArray[np.int64]  # number of ticks without a change of both (nj,)
+    mean: Array  # of expected torque, measured torque and |measured torque| (3, nj) [N.m]
 
 
 class JointMonitor:
@@ -63,14 +63,14 @@ class JointMonitor:
         \tau_{exp} \mathrel{+}= [\tau_{cmd} - \tau_{exp}]_{\pm \dot\tau_{max} \Delta t}, \quad
         |\overline{\tau} - \overline{\tau_{exp}}| > error\;\tau_{max} + offset
 
-    is a motor at fault, and sooner one that gives no torque at a command. The limits of torque and of its rate are
-    those of the drivers; near a limit of position or velocity, where they fade torques, nothing is judged. The delay T
-    from a sample to the first one that its command has an effect on is measured: with it the torques of all joints fit
-    best. Where q(t - T) and v(t - T) fit better, the law is evaluated at the sample, and its torque is late. An encoder
-    is at fault when position and velocity have not changed in the last bit for ``window``: the noise of the velocities
-    of the profile changes them at every sample.
+    The inequality detects a faulty motor; a motor without output at a command is detected sooner. The limits of torque
+    and torque rate are those of the drivers. Nothing is checked near a limit of position or velocity, where the drivers
+    fade torques. T is the delay from a sample to the first sample that its command affects. The measured T is the one
+    with the least torque error over all joints. If q(t - T) and v(t - T) fit better, the feedback is evaluated at the
+    sample and its torque is delayed as well. An encoder is faulty if position and velocity stay bit-identical for
+    ``window``; this is checked only if the profile has velocity noise, which changes every sample.
 
-    ``period`` is that of the tick [s]; ``fault``, kept until ``reset``, names joint and figures in one sentence.
+    ``period`` is the tick [s]. ``fault`` names the joint and the values in one sentence and persists until ``reset``.
     """
 
     def __init__(self, model: RobotModel, period: float = 0.001) -> None:
@@ -98,11 +98,11 @@ class JointMonitor:
 
     @property
     def lookahead(self) -> float:
-        """Look-ahead of the setpoints: a share of the delay of the command [s]."""
+        """Look-ahead of the setpoints [s]: a share of the delay beyond one tick; 0 with feedback at the sample."""
         return 0.0 if self._memory.fit[0] else self.config.lookahead * (self.delay - self._period)
 
     def reset(self) -> None:
-        """Clear the fault; judge again after ``grace``."""
+        """Clear the fault; checks resume after ``grace``."""
         self.fault, self._tick, self._grace = "", 0, round(self.config.grace / self._period)
         memory = self._memory
         for array in (memory.expected, memory.torques, memory.sent, memory.still):
@@ -110,7 +110,7 @@ class JointMonitor:
         memory.misfit[:], memory.fit[:], memory.last[:] = np.inf, (0, 1), np.nan
 
     def step(self, state: RobotState, command: JointCommand) -> None:
-        """One tick: the measured state, and the command that answers it, which the drivers have in a later tick."""
+        """Advance one tick with the measured state and the command computed from it, which acts in a later tick."""
         if self.fault:
             return
         measured, tick = (state.q, state.v, state.tau), self._tick
@@ -134,15 +134,15 @@ def _watch_joints(
     state_q: Array, state_v: Array, tau: Array, q_set: Array, v_set: Array, feed_forward: Array, tick: int,
     memory: Unboxed[_Memory],
 ) -> int:  # fmt: skip
-    """One tick of every joint: 0 when all is well, 1 + the index of a motor at fault, or -1 - that of an encoder.
+    """One tick of all joints; returns 0 if sound, 1 + index of a faulty motor, or -1 - index of a stuck encoder.
 
     ``state_q`` (nq,), ``state_v`` (nv,) and ``tau`` (nj,) [N.m] are measured; ``q_set`` [rad], ``v_set`` [rad/s] and
-    ``feed_forward`` [N.m], each (nj,), are the command that answers them; ``tick`` counts from the last reset.
+    ``feed_forward`` [N.m], each (nj,), are the command computed from them; ``tick`` counts from the last reset.
     """
     gains, sent, share, misfit, fit, expected, torques, last, still, mean = memory.record
     q, v, rows, nj = state_q[7:], state_v[6:], torques.shape[0], torques.shape[2]
     row, found, delays = tick % rows, 0, sent.shape[1]
-    follows, feedback = np.zeros(nj, dtype=np.bool_), np.zeros((2, nj))  # by the place of evaluation
+    follows, feedback = np.zeros(nj, dtype=np.bool_), np.zeros((2, nj))  # by the drives, at the sample
     if tick * share > 2 * _STRIDE:  # twice the window
         if misfit[1 - fit[0]].min() < _BETTER * misfit[fit[0]].min():
             fit[0] = 1 - fit[0]
@@ -152,13 +152,13 @@ def _watch_joints(
         feedback[0, j] = gains[0, j] * q[j] + gains[1, j] * v[j]
         commanded = sent[fit[0], (tick - fit[1]) % delays, j] - feedback[fit[0], j]
         commanded = min(max(commanded, -gains[2, j]), gains[2, j])
-        known = tick > 0 and np.isfinite(commanded) and np.isfinite(tau[j])  # a missing sample is no evidence
+        known = tick > 0 and np.isfinite(commanded) and np.isfinite(tau[j])  # no check without a valid sample
         known = known and gains[6, j] < q[j] < gains[7, j] and abs(v[j]) < gains[8, j]
         follows[j] = known and abs(commanded - expected[j]) <= gains[9, j]
         if known:
             expected[j] += min(max(commanded - expected[j], -gains[9, j]), gains[9, j])
             torques[row, 0, j], torques[row, 1, j] = expected[j], tau[j]
-        else:  # the drivers' torque is unknown there: begin again from the measured one
+        else:  # the torque of the drivers is unknown: restart from the measured torque
             expected[j] = tau[j] if np.isfinite(tau[j]) else 0.0
             torques[row, 0, j] = torques[row, 1, j] = 0.0
         still[j] = still[j] + 1 if q[j] == last[0, j] and v[j] == last[1, j] else 0

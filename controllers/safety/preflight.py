@@ -1,4 +1,4 @@
-"""Checks before the robot may move: whether the messages match the robot that the laws were built for."""
+"""Checks before the robot may move: the messages must match the robot model of the controllers."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -20,14 +20,14 @@ class Evidence:
     joints: Vector | None = None  # measured positions by the model's order (nj,) [rad]
     refusals: Mapping[str, str] = field(default_factory=dict)  # reasons of refused messages, by topic
     base_quaternion: Vector | None = None  # estimated orientation of B in W, xyzw (4,)
-    rates: Mapping[str, float] = field(default_factory=dict)  # measured rate of each sensor topic by stamp [Hz]
-    incompatible: Mapping[str, str] = field(default_factory=dict)  # endpoint and QoS policy that differs, by topic
+    rates: Mapping[str, float] = field(default_factory=dict)  # rate of each sensor topic, measured on its stamps [Hz]
+    incompatible: Mapping[str, str] = field(default_factory=dict)  # endpoint and incompatible QoS policy, by topic
 
 
 def preflight(
     model: RobotModel, config: SupervisorConfig, evidence: Evidence, nominal_rates: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """Findings that forbid arming, one sentence each; only topics with ``nominal_rates`` [Hz] are checked."""
+    """Findings that forbid arming, one sentence each; rates are checked for topics with ``nominal_rates`` [Hz] only."""
     return (
         *(f"{topic}: {reason}" for topic, reason in evidence.refusals.items()),
         *(f"'{topic}' has incompatible QoS: {who}" for topic, who in evidence.incompatible.items()),
@@ -55,7 +55,7 @@ def _mass(model: RobotModel, config: SupervisorConfig, description: str | None) 
     except RobotModelError as error:
         return [str(error)]
     expected = model.mass - model.profile.payload.mass
-    if not abs(mass - expected) <= config.mass_tolerance * expected:  # neither is that of a NaN
+    if not abs(mass - expected) <= config.mass_tolerance * expected:  # a NaN fails, too
         return [f"robot_description weighs {mass:.2f} kg, the model '{model.name}' {expected:.2f} kg"]
     return []
 
@@ -79,7 +79,7 @@ def _attitude(config: SupervisorConfig, quaternion: Vector | None) -> list[str]:
 
 
 def attitude(config: SupervisorConfig, angle: float) -> list[str]:
-    """Reason to forbid arming at a tilt of the base [rad]; empty without one."""
+    """Findings that forbid arming at a base tilt [rad]; empty if it is allowed."""
     if not angle <= config.preflight_tilt:
         return [
             f"base tilted by {angle:.2f} rad: more than {config.preflight_tilt:.2f} rad, or its IMU is mounted wrong"

@@ -2,7 +2,7 @@
 
 The law:
 
-    off -> damp -> stand <-> motion        stand <-> walk where there is a gait planner; some motions while walking
+    off -> damp -> stand <-> motion        stand <-> walk with a gait planner; some motions while walking
 
     fault of severity hold                 walk -> stand, and no velocity and no new motion, while the cause lasts
                       stand                walk, motion -> stand, latched until the robot stands without the cause, or
@@ -10,10 +10,10 @@ The law:
                       damp                 any but off -> damp, latched until ``reset_faults``
     emergency stop                         any -> damp, latched likewise
 
-Arming requires preflight checks that passed since the robot was last active: it may have been moved since.
+Arming requires preflight checks that passed after the robot was last active, because it may have been moved since.
 
-It has no clock and no I/O: time is an argument of ``update``. The node around it publishes ``mode``, sends the names
-from ``take_motion`` to the motion planner, and answers services with the ``CommandReply`` of this class.
+The class has no clock and no I/O: time is an argument of ``update``. The node publishes ``mode``, sends the names from
+``take_motion`` to the motion planner, and answers services with the ``CommandReply`` of this class.
 """
 
 import re
@@ -25,9 +25,9 @@ from models.robot_model import RobotModel
 from models.status import GET_UP
 from models.types import CommandReply, Mode, Velocity
 
-#: Text commands that need a gait planner; answered with the reason while there is none
+#: Text commands that need a gait planner; refused with the reason without one
 GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")
-_SENTENCE = re.compile(r"[\w ,.!?]+")  #: Text that may hold a command among other words
+_SENTENCE = re.compile(r"[\w ,.!?]+")  #: Text that may contain a command among other words
 #: Modes in which the whole-body controller moves the joints
 ACTIVE_MODES = (Mode.STAND, Mode.WALK, Mode.MOTION)
 _EMERGENCY_STOP = "emergency stop"
@@ -36,11 +36,11 @@ _EMERGENCY_STOP = "emergency stop"
 class Supervisor:
     """Guarded mode transitions, text commands and the fault latch.
 
-    ``gait`` is whether there is a gait planner; without one a walk ends, and requests to walk are refused. ``faults``
-    are the reasons of the latched faults, ``holds`` of the present ones of severity hold; ``motion`` is the name of the
-    motion requested or under way; ``ignored`` counts ignored text commands; the caller sets ``fallen``
-    when the robot lies: it does not stand up by itself, and ``held`` while the drivers hold it at its start: no walk
-    begins then.
+    ``gait`` is whether a gait planner exists; without one a walk ends, and requests to walk are refused. ``faults`` are
+    the reasons of the latched faults, ``holds`` those of the present faults of severity hold. ``motion`` is the name of
+    the requested or running motion. ``ignored`` counts ignored text commands. The caller sets ``fallen`` while the
+    robot lies on the ground, which forbids standing, and ``held`` while the drivers hold it at its start, which forbids
+    walking.
     """
 
     def __init__(self, model: RobotModel, config: SupervisorConfig | None = None, *, gait: bool = False) -> None:
@@ -56,15 +56,15 @@ class Supervisor:
         self.mode = mode
         self.faults: tuple[str, ...] = (_EMERGENCY_STOP,) if stopped else ()
         self.holds: tuple[str, ...] = ()
-        self._passing: set[str] = set()  # faults that end with their cause
+        self._passing: set[str] = set()  # faults that clear with their cause
         self.motion: str | None = None
         #: Findings of the last preflight check; empty when it passed
         self.preflight: tuple[str, ...] = ("preflight checks have not run yet",)
         self._pending: str | None = None
         self._velocity: Velocity | None = None
         self._halting = self._by_velocity = False
-        self._barred = mode is not Mode.OFF  # velocities that go on after a stop begin no walk
-        self._released: set[str] = set()  # sources whose velocity was zero, or paused, since
+        self._barred = mode is not Mode.OFF  # a velocity that continues after a stop starts no walk
+        self._released: set[str] = set()  # sources whose velocity has been zero, or has paused, since
         self._motion_seen = False
         self._motion_since: float | None = None
 
@@ -78,7 +78,7 @@ class Supervisor:
         self.preflight = findings
 
     def request(self, mode: Mode) -> CommandReply:
-        """Request a mode; the reply has the reason of a refusal. ``stand`` from ``off`` passes through ``damp``."""
+        """Request a mode; the reply has the reason of a refusal. ``off`` may change to ``stand`` directly."""
         if mode is self.mode and not self._halting:
             self._by_velocity = False
             return CommandReply(True, f"already in mode '{mode.value}'")
@@ -100,7 +100,7 @@ class Supervisor:
 
     @property
     def _lame(self) -> str:
-        """Why the robot cannot stand; empty when it can."""
+        """Reason why the robot cannot stand; empty if it can."""
         if self.fallen:
             return "; ".join(("the robot has fallen", GET_UP, *self.faults, *self.preflight))
         if self.faults:
@@ -109,7 +109,7 @@ class Supervisor:
 
     @property
     def _to_stand(self) -> str:
-        """What a robot that is not active needs first."""
+        """Hint for a request that needs an active robot."""
         return "request 'stand' first" + (f", which is refused: {self._lame}" if self._lame else "")
 
     def text(self, command: str) -> CommandReply:
@@ -139,7 +139,7 @@ class Supervisor:
         return *self.config.motions, "stand", "stop", *GAIT_WORDS
 
     def _word_of(self, text: str) -> str:
-        """The command in a sentence; the text itself where there is none, more than one, or a word of other meaning."""
+        """The command in a sentence; the text itself without a command, with several, or with unknown words."""
         words = set(re.findall(r"\w+", text))
         if "stop" in words:
             return "stop"
@@ -149,15 +149,15 @@ class Supervisor:
         return found.pop() if len(found) == 1 and not others and _SENTENCE.fullmatch(text) else text
 
     def barred(self, source: str, *, fresh: bool) -> bool:
-        """Whether the velocity of a source goes on from before a stop; not a ``fresh`` one: zero, or after a pause."""
+        """Whether a velocity continues from before a stop; a ``fresh`` one (zero, or after a pause) does not."""
         if fresh:
             self._released.add(source)
         return self._barred and source not in self._released
 
     def drive(self, moving: bool, *, fresh: bool, source: str = "") -> CommandReply:
-        """Accept a velocity of a source in mode ``walk``, or have it begin a walk of a standing robot.
+        """Accept a velocity of a source in mode ``walk``, or start a walk in mode ``stand``.
 
-        ``moving`` is whether it is not zero. One that is ``barred`` begins no walk, and none is continued with it.
+        ``moving`` is whether the velocity is nonzero. A ``barred`` velocity neither starts nor continues a walk.
         """
         barred = self.barred(source, fresh=fresh)
         if self.mode is Mode.WALK and (self.still if barred else not moving or not self.still):
@@ -175,19 +175,19 @@ class Supervisor:
         return reply
 
     def rest(self) -> None:
-        """The robot stands still in mode ``walk`` at zero velocity: a walk that a velocity began ends in a stand."""
+        """End a walk that a velocity started; called when the robot stands still at zero velocity in mode ``walk``."""
         if self._by_velocity and not self._halting and self.motion is None:
             before = self._barred, self._released
             self._stop()
             self._barred, self._released = before
 
     def take_motion(self) -> str | None:
-        """Name of a motion to plan and follow, returned once; ``"stop"`` means hold the present posture."""
+        """Name of a motion to plan and follow, returned once; ``"stop"`` holds the present posture."""
         pending, self._pending = self._pending, None
         return pending
 
     def take_velocity(self) -> Velocity | None:
-        """Walking velocity of a text command, returned once; zero comes to a standstill."""
+        """Walking velocity of a text command, returned once; zero requests a standstill."""
         velocity, self._velocity = self._velocity, None
         return velocity
 
@@ -200,7 +200,7 @@ class Supervisor:
         return reply
 
     def estop(self) -> CommandReply:
-        """Damp at once and latch, in mode ``off`` too: the start of a real robot may hold it stiff."""
+        """Damp at once and latch; also in mode ``off``, because the start of a real robot may hold it stiff."""
         self.fault(_EMERGENCY_STOP)
         if self.mode is Mode.OFF:
             self._enter(Mode.DAMP, _EMERGENCY_STOP)
@@ -212,9 +212,9 @@ class Supervisor:
         return _EMERGENCY_STOP in self.faults
 
     def fault(self, reason: str, severity: Severity = Severity.DAMP) -> CommandReply:
-        """Damp or, for a severity ``STAND``, come to a stand, and latch ``reason`` (see the law above).
+        """Latch ``reason`` and damp, or come to a stand for severity ``STAND`` (see the law above).
 
-        ``off`` stays off, and ``STAND`` leaves a robot that does not move its feet as it is.
+        Mode ``off`` does not change. Severity ``STAND`` changes only the modes ``walk`` and ``motion``.
         """
         new = reason not in self.faults
         if new:
@@ -228,7 +228,7 @@ class Supervisor:
         return CommandReply(True, f"{self.mode.value}: {reason}")
 
     def reset_faults(self) -> CommandReply:
-        """Release the latch; the mode stays where it is until another one is requested."""
+        """Clear the latched faults; the mode does not change."""
         if not self.faults:
             return CommandReply(True, "no faults were latched")
         cleared, self.faults = self.faults, ()
@@ -329,7 +329,7 @@ class Supervisor:
                 self.motion, self._pending = None, "stop"
             return CommandReply(True, "walk: comes to a standstill")
         if self.mode is Mode.STAND:
-            self._pending = "stop"  # of a trajectory that was not requested from the supervisor
+            self._pending = "stop"  # for a trajectory that was not requested from the supervisor
             return CommandReply(True, "stand: holding this posture")
         if self.mode is not Mode.MOTION:
             return CommandReply(True, f"nothing to stop in mode '{self.mode.value}'")
@@ -339,7 +339,7 @@ class Supervisor:
         return CommandReply(True, f"motion '{stopped}' stopped; holding this posture")
 
     def _bar(self) -> None:
-        """Let no velocity walk that goes on from now."""
+        """Bar velocities that continue from before now."""
         self._barred, self._released = True, set()
 
     def _enter(self, mode: Mode, reason: str) -> CommandReply:
