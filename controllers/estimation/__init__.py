@@ -1,1 +1,1 @@
-"""State estimation from encoders, IMU and foot sensors alone."""
+"""State estimation from encoders, IMU and foot sensors."""

@@ -1,4 +1,4 @@
-"""Joins samples that arrive one by one on several topics."""
+"""Assembles samples that arrive on several topics into one ``SensorData``."""
 
 from collections.abc import Sequence
 
@@ -9,22 +9,22 @@ from models.constants import FOOT_NAMES, NANOSECONDS
 from models.types import SensorData, Vector
 
 JOINTS, IMU = 0, 1  #: Rows of the stamp table; the feet follow
-MAX_AGE = 0.005  #: Age up to which a sample of another source is used by default [s]
+MAX_AGE = 0.005  #: Default maximum age of a sample of another source than the joints [s]
 #: Names of the sources, in the order of the stamp table
 SOURCES = ("joint_states", "imu", *(f"{name} foot" for name in FOOT_NAMES))
 
 
 class SampleAssembler:
-    """One ``SensorData`` for each joint sample.
+    """Assembles one ``SensorData`` per joint sample.
 
-    A tick is complete when every source has given a sample of the joints' stamp. When the next joint sample comes
-    before that, the newest samples of the other sources are used instead if they are young enough: a source may be
-    slower than the joints, or lose a message. The values of one that is silent for longer are NaN, which the estimator
-    bridges for a while; the assembler waits for it again once it has given another sample.
+    A tick is complete when every source has a sample with the stamp of the joints. If the next joint sample arrives
+    first, the newest samples of the other sources are used, up to their maximum age: a source may be slower than the
+    joints, or lose a message. Values of a source that is silent for longer are NaN; the estimator bridges them for a
+    while. After its next sample, the assembler waits for this source again.
 
-    ``age_max_ns`` is the age up to which a sample of another source is used [ns]; a step of a stamp by more than
-    ``gap_max_ns`` is refused unless the source continues from there. ``strict`` never mixes stamps but waits for the
-    complete tick (lockstep). With ``repeats`` the plant may repeat a sample. Without ``feet`` their values are NaN.
+    ``age_max_ns`` is the maximum age of a sample of another source [ns]. A stamp that jumps by more than ``gap_max_ns``
+    [ns] is refused unless the next stamp continues from it. ``strict`` waits for the complete tick and never mixes
+    stamps (lockstep). With ``repeats`` the plant may repeat a sample. Without ``feet`` the wrenches are NaN.
     """
 
     def __init__(
@@ -42,10 +42,10 @@ class SampleAssembler:
         self._joints: tuple[Vector, Vector, Vector] | None = None
         self._imu: tuple[Vector, Vector] = (np.zeros(3), np.zeros(3))
         self._wrenches = [np.zeros(6) for _ in FOOT_NAMES]
-        self.incomplete = 0  #: Ticks made of samples with different stamps
+        self.incomplete = 0  #: Ticks with samples of different stamps
         self.silent = 0  #: Ticks with a source whose newest sample was too old
-        self.dropped = 0  #: Ticks abandoned because a source had not given any sample yet
-        #: Stamps of sources in the newest tick that differ from that of the joints [ns]; None for no sample
+        self.dropped = 0  #: Ticks dropped because a source had no sample yet
+        #: Stamps in the newest tick that differ from the joints' stamp, by source [ns]; None for a silent source
         self.mixed: dict[str, int | None] = {}
 
     @property
@@ -55,24 +55,24 @@ class SampleAssembler:
 
     @property
     def whole(self) -> bool:
-        """Whether the newest tick has values of every source there is."""
+        """Whether the newest tick has values of every fitted source."""
         return self._silent == self._absent
 
     def add_joints(self, stamp: int, q: Vector, v: Vector, tau: Vector) -> SensorData | None:
-        """Add joint positions, velocities and torques (nj,) of a stamp [ns]; see ``add_imu``."""
+        """Add joint positions, velocities and torques (nj,) with a stamp [ns]; see ``add_imu``."""
         pending = self.stamp != self._emitted
         self._accept(JOINTS, stamp)
         self._joints = (q, v, tau)
         return self._emit(mixed=pending and not self._strict)
 
     def add_imu(self, stamp: int, gyro: Vector, accel: Vector) -> SensorData | None:
-        """Add a sample of a stamp [ns]; the tick's sensor data if complete. ``MessageError`` for a bad stamp."""
+        """Add a sample with a stamp [ns]; returns the tick's data if complete. ``MessageError`` for a bad stamp."""
         self._accept(IMU, stamp)
         self._imu = (gyro, accel)
         return self._emit(mixed=False)
 
     def add_foot(self, foot: int, stamp: int, wrench: Vector) -> SensorData | None:
-        """Add the wrench (6,) of a foot (0 left, 1 right) of a stamp [ns]; see ``add_imu``."""
+        """Add the wrench (6,) of a foot (0 left, 1 right) with a stamp [ns]; see ``add_imu``."""
         self._accept(IMU + 1 + foot, stamp)
         self._wrenches[foot] = wrench
         return self._emit(mixed=False)
@@ -110,26 +110,26 @@ class SampleAssembler:
 
 
 def mean_sample(samples: Sequence[SensorData]) -> SensorData:
-    """Mean of every measurement, with the stamp of the last sample: a quieter start for an estimator at rest."""
+    """Mean of every measurement, with the stamp of the last sample; reduces noise at the start of the estimator."""
     fields = ("q", "v", "tau", "gyro", "accel", "wrenches")
     return SensorData(samples[-1].t, *(np.mean([getattr(s, name) for s in samples], axis=0) for name in fields))
 
 
 class FootPairs:
-    """Pairs of newer samples of both feet; a foot older than the other by ``age_max`` [ns] is silent and left out."""
+    """Pairs the newest samples of both feet; a foot older than the other by ``age_max`` [ns] is silent and left out."""
 
     def __init__(self, age_max: int, gap_max: int) -> None:
         self.wrenches = np.zeros((len(FOOT_NAMES), 6))  #: Newest sample of each foot, in its sole frame [N, N.m]
         self.silent = [True] * len(FOOT_NAMES)  #: Whether each foot's newest sample is too old
-        self.stamp = 0  #: Of the last pair [ns]
+        self.stamp = 0  #: Stamp of the last pair [ns]
         self._age_max = age_max
         self._guards = [StampFilter(gap_max) for _ in FOOT_NAMES]
         self._begun: int | None = None
 
     def add(self, foot: int, stamp: int, wrench: Vector) -> float | None:
-        """Add a reaction (6,) of a foot at a stamp [ns]; time since the last pair [s], 0 for the first, or None.
+        """Add a wrench (6,) with a stamp [ns]; returns the time since the last pair [s], 0 for the first, or None.
 
-        Raises ``MessageError`` when the stamp is not newer than this foot's last, or jumps ahead alone.
+        Raises ``MessageError`` if the stamp is not newer than the last of this foot, or is a single jump ahead.
         """
         self._guards[foot].step(stamp)
         self.wrenches[foot] = wrench

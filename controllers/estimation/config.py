@@ -1,4 +1,4 @@
-"""Schema of ``controllers/config/estimator.yaml``; the file holds the values, this holds units and bounds."""
+"""Schema of ``controllers/config/estimator.yaml`` with units and bounds; the file contains the values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from models.profile import ImuSensor
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class InertialNoise:
-    """Noise of the IMU on top of its data sheet, which is in the profile.
+    """Noise of the IMU in addition to its data sheet, which is in the profile.
 
     Densities are two-sided: the error of one sample of length dt has the standard deviation density / sqrt(dt).
     """
@@ -30,9 +30,9 @@ class InertialNoise:
     coast_factor: Annotated[float, Field(ge=1.0)]  #: noise multiplier while samples are missing [-]
 
     def with_sensor(self, sensor: ImuSensor, gravity: float) -> InertialNoise:
-        """The same with the data sheet's figures added, as variances.
+        """Copy with the variances of the data sheet added.
 
-        At rest, a scale error and a tilted mounting of the accelerometer look like a bias: each adds its share of
+        At rest, a scale error and a mounting error of the accelerometer look like a bias: each adds its share of
         gravity [m/s^2]. Those of the gyro have no effect at rest and are left out.
         """
         mounting = math.hypot(sensor.accel_scale, sensor.misalignment) * gravity
@@ -51,14 +51,14 @@ class InertialNoise:
 class KinematicNoise:
     """Noise of the sole pose computed from the encoders.
 
-    The error is new at each sample while the joints move by a step a sample or more. While they hardly move it stays,
-    and wanders: as a random walk that makes up the whole variance in ``persistence``.
+    The error is independent in each sample while the joints move by at least one encoder step per sample. Otherwise it
+    drifts: a random walk adds twice the error variance in ``persistence``.
     """
 
     encoder_steps: NonNegative  #: error of a joint position, in encoder steps [-]
     position: Positive  #: model error of a sole position [m]
     orientation: Positive  #: model error of a sole orientation [rad]
-    persistence: Positive  #: time in which it wanders over its variance, twice [s]
+    persistence: Positive  #: time in which the random walk of the error adds twice its variance [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -67,7 +67,7 @@ class ContactConfig:
 
     load_on: Annotated[float, Field(gt=0.0, lt=1.0)]  #: load above which a foot makes contact [-]
     load_off: Annotated[float, Field(gt=0.0, lt=1.0)]  #: load below which a foot breaks contact [-]
-    load_full: Annotated[float, Field(gt=0.0, lt=1.0)]  #: load from which a foot is fully trusted [-]
+    load_full: Annotated[float, Field(gt=0.0, lt=1.0)]  #: load at which a foot has full confidence [-]
     on_delay: NonNegative  #: time above load_on before contact is made [s]
     #: distance of the CoP from an edge below which a foot may tip, as a fraction of half the sole [-]
     edge_margin: Annotated[float, Field(gt=0.0, le=1.0)]
@@ -79,23 +79,23 @@ class ContactConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FootSensorConfig:
-    """Foot sensors against leg torques; loads are shares of the weight."""
+    """Comparison of foot sensors with leg torques; loads are shares of the weight."""
 
-    load_error: Annotated[float, Field(gt=0.0, lt=1.0)]  #: difference of the loads that contradicts [-]
-    #: the same of a foot that sensor or torques have in the air [-]
+    load_error: Annotated[float, Field(gt=0.0, lt=1.0)]  #: load difference of sensor and torques that contradicts [-]
+    #: the same if the sensor or the torques show the foot in the air [-]
     contact_error: Annotated[float, Field(gt=0.0, lt=1.0)]
-    sum_error: Annotated[float, Field(gt=0.0, lt=1.0)]  #: of both legs' torques against the motion [-]
-    fault_time: Positive  #: contradicted or missing before a sensor is out [s]
-    scheduled_time: Positive  #: the same where the schedule sides with torques [s]
-    recover_time: Positive  #: of agreement before it is back [s]
-    settle_time: NonNegative  #: no push begins for so long after a sensor's fault [s]
-    swing_load: Annotated[float, Field(gt=0.0, lt=1.0)]  #: load by torques of a foot in the air, at most [-]
-    stance_load: Annotated[float, Field(gt=0.0, lt=1.0)]  #: load by torques of a bearing foot, at least [-]
-    #: factor on stance_load of a foot that the schedule has in the air [-]
+    sum_error: Annotated[float, Field(gt=0.0, lt=1.0)]  #: largest error of the torque-based sum against the motion [-]
+    fault_time: Positive  #: time of contradiction or missing data before a sensor is faulty [s]
+    scheduled_time: Positive  #: the same if the gait schedule agrees with the torques [s]
+    recover_time: Positive  #: time of agreement before a sensor is sound again [s]
+    settle_time: NonNegative  #: time after a sensor fault in which no push begins [s]
+    swing_load: Annotated[float, Field(gt=0.0, lt=1.0)]  #: largest torque-based load of a swing foot [-]
+    stance_load: Annotated[float, Field(gt=0.0, lt=1.0)]  #: least torque-based load of a stance foot [-]
+    #: factor on stance_load for a scheduled swing foot [-]
     unscheduled: Annotated[float, Field(ge=1.0)]
-    #: factor on the confidence in a CoP from torques or saturated [-]
+    #: factor on the confidence in a CoP from torques or a saturated sensor [-]
     flat_trust: Annotated[float, Field(gt=0.0, le=1.0)]
-    saturation: Annotated[float, Field(gt=0.0, le=1.0)]  #: share of full scale taken for saturated [-]
+    saturation: Annotated[float, Field(gt=0.0, le=1.0)]  #: share of full scale at which a sensor is saturated [-]
 
     def __post_init__(self) -> None:
         if not self.swing_load < self.stance_load:
@@ -106,74 +106,74 @@ class FootSensorConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SlipConfig:
-    """Slip of a bearing foot."""
+    """Slip of a stance foot."""
 
-    time: Positive  #: innovation over the gate before a foot slips [s]
-    recover_time: Positive  #: innovation below the gate before it stands again [s]
-    density: Positive  #: random walk of a slipping sole's position [m/sqrt(s)]
+    time: Positive  #: time of the innovation above the gate before a slip begins [s]
+    recover_time: Positive  #: time of the innovation below the gate before a slip ends [s]
+    density: Positive  #: random walk of the position of a slipping sole [m/sqrt(s)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FrictionConfig:
-    """Coefficient of the ground, from soles that slide or hold; the law is in ``friction.py``."""
+    """Friction coefficient of the ground, from sliding and holding soles; the law is in ``friction.py``."""
 
-    expected: Annotated[float, Field(ge=0.0, le=2.0)]  #: coefficient at the start; 0 for that of the profile [-]
-    load: Annotated[float, Field(gt=0.0, lt=1.0)]  #: least load of a sole that counts, of the weight [-]
-    flat: Annotated[float, Field(gt=0.0, le=1.0)]  #: least confidence that it lies flat [-]
-    speed: Positive  #: least speed of a sole that slides [m/s]
-    #: least cosine of the angle between its velocity and the direction against the ground's force [-]
+    expected: Annotated[float, Field(ge=0.0, le=2.0)]  #: initial coefficient; 0: from the profile [-]
+    load: Annotated[float, Field(gt=0.0, lt=1.0)]  #: least load of an evaluated sole, as a share of the weight [-]
+    flat: Annotated[float, Field(gt=0.0, le=1.0)]  #: least confidence that the sole lies flat [-]
+    speed: Positive  #: least speed of a sliding sole [m/s]
+    #: least cosine of the angle between the sole velocity and the reverse of the ground force [-]
     opposed: Annotated[float, Field(ge=0.0, lt=1.0)]
-    turn_time: Positive  #: time constant with which the turning of a sole is forgotten [s]
+    turn_time: Positive  #: time constant of the decay of a sole's turning rate [s]
     filter_time: Positive  #: time constant of demand, speed and rate [s]
-    slide_time: Positive  #: time constant with which the coefficient follows the demand of a sole that slides [s]
-    #: share of the coefficient above which a demand that holds raises it [-]
+    slide_time: Positive  #: time constant of the coefficient towards the demand of a sliding sole [s]
+    #: share of the coefficient above which the demand of a holding sole raises it [-]
     held: Annotated[float, Field(gt=0.0, le=1.0)]
-    raise_time: Positive  #: time constant of that [s]
+    raise_time: Positive  #: time constant of this rise [s]
     least: Positive  #: least coefficient [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FootNoise:
-    """Random walk of a foot, interpolated geometrically between its states by the contact's confidence."""
+    """Random walk of a foot; the contact confidence interpolates geometrically between the states of the foot."""
 
-    slip: Positive  #: horizontal position, foot bearing [m/sqrt(s)]
-    sink: Positive  #: height, foot bearing for long [m/sqrt(s)]
-    creep: Positive  #: horizontal, foot just landed or tipped [m/sqrt(s)]
-    settling: Positive  #: height, foot just landed or tipped [m/sqrt(s)]
-    settle_time: NonNegative  #: how long a foot settles after that [s]
-    swing: Positive  #: position, foot in the air [m/sqrt(s)]
-    flat: Positive  #: orientation, sole flat on the ground [rad/sqrt(s)]
-    tipping: Positive  #: orientation, CoP at an edge [rad/sqrt(s)]
-    swing_rotation: Positive  #: orientation, foot in the air [rad/sqrt(s)]
-    turn: Positive  #: heading, foot bearing for longer than ``turn_time`` [rad/sqrt(s)]
-    turn_time: NonNegative  #: longer than a foot bears while walking [s]
-    pivot: NonNegative  #: error of the point about which a bearing sole turns [m]
+    slip: Positive  #: horizontal position of a stance foot [m/sqrt(s)]
+    sink: Positive  #: height of a settled stance foot [m/sqrt(s)]
+    creep: Positive  #: horizontal position just after touchdown or tipping [m/sqrt(s)]
+    settling: Positive  #: height just after touchdown or tipping [m/sqrt(s)]
+    settle_time: NonNegative  #: settling time after touchdown or tipping [s]
+    swing: Positive  #: position of a swing foot [m/sqrt(s)]
+    flat: Positive  #: orientation of a sole flat on the ground [rad/sqrt(s)]
+    tipping: Positive  #: orientation with the CoP at an edge [rad/sqrt(s)]
+    swing_rotation: Positive  #: orientation of a swing foot [rad/sqrt(s)]
+    turn: Positive  #: heading of a foot in stance for longer than ``turn_time`` [rad/sqrt(s)]
+    turn_time: NonNegative  #: stance time from which ``turn`` applies; longer than in walking [s]
+    pivot: NonNegative  #: error of the point about which a stance sole turns [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RestConfig:
-    """Zero-velocity update while no foot bears and the IMU is quiet (hung up, or held by the simulator)."""
+    """Zero-velocity update while no foot bears load and the IMU is quiet (robot hung up, or held by the simulator)."""
 
-    gyro: Positive  #: angular rate below which it is quiet [rad/s]
-    accel: Positive  #: deviation of |specific force| from gravity [m/s^2]
-    velocity: Positive  #: std of the assumed zero velocity, of every sample apart, for ``time`` after the start [m/s]
-    time: NonNegative  #: of that [s]
-    moved: Positive  #: afterwards, when a gantry may move the robot: root of the density of its velocity [m/s*sqrt(s)]
-    #: deviation of |specific force| / gravity from 1 refused at start [-]
+    gyro: Positive  #: angular rate below which the IMU is quiet [rad/s]
+    accel: Positive  #: deviation of |specific force| from gravity below which the IMU is quiet [m/s^2]
+    velocity: Positive  #: std of the zero velocity in each sample, for ``time`` after the start [m/s]
+    time: NonNegative  #: time after the start in which ``velocity`` applies [s]
+    moved: Positive  #: root density of the velocity afterwards: a gantry may move the robot [m/s*sqrt(s)]
+    #: deviation of |specific force| / gravity from 1 above which the start is refused [-]
     accel_at_reset: Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class InitialConfig:
-    """Initial standard deviations besides those that follow from the sensors."""
+    """Initial standard deviations that do not follow from the sensors."""
 
     velocity: Positive  #: base velocity [m/s]
     force: Positive  #: first specific force, vibration included [m/s^2]
     floor: Positive  #: slope of the floor under the first stance [rad]
-    sole: Positive  #: of each sole's measured tilt on that floor [rad]
-    heading: Positive  #: yaw; a convention, so small [rad]
-    position: Positive  #: base position x and y; a convention, so small [m]
-    height: Positive  #: of the soles above the floor, z = 0 [m]
+    sole: Positive  #: measured tilt of each sole on that floor [rad]
+    heading: Positive  #: yaw; small, because it is a convention [rad]
+    position: Positive  #: base position x and y; small, because it is a convention [m]
+    height: Positive  #: height of the soles above the floor at z = 0 [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -182,14 +182,14 @@ class ObserverConfig:
 
     push_cutoff: Positive  #: cut-off of the push [Hz]
     joint_cutoff: Positive  #: cut-off of joint torques and sole wrenches [Hz]
-    damping: Positive  #: lever below which a leg torque shows no force [m]
-    moment_arm: Positive  #: lever that makes moments comparable with forces [m]
+    damping: Positive  #: lever arm below which a leg torque gives no force [m]
+    moment_arm: Positive  #: lever arm that scales moments to forces [m]
     friction_speed: Positive  #: speed at which dry friction is nearly full [rad/s]
-    dead_band: Annotated[float, Field(ge=0.0, lt=1.0)]  #: force that is reported as none [-]
+    dead_band: Annotated[float, Field(ge=0.0, lt=1.0)]  #: force below which a push is reported as zero [-]
     detect_on: Positive  #: force above which a push begins [-]
-    detect_off: Positive  #: force below which it ends [-]
-    on_time: NonNegative  #: time above detect_on before it counts [s]
-    off_time: NonNegative  #: time below detect_off before it is over [s]
+    detect_off: Positive  #: force below which a push ends [-]
+    on_time: NonNegative  #: time above detect_on before a push begins [s]
+    off_time: NonNegative  #: time below detect_off before a push ends [s]
     offset_time: Positive  #: time constant of the offset learnt in the dead-band [s]
 
     def __post_init__(self) -> None:
@@ -203,8 +203,8 @@ class ObserverConfig:
 class EstimatorConfig:
     """Parameters of the state estimator."""
 
-    gravity: Positive  #: magnitude of free fall [m/s^2]
-    gate: Positive  #: normalised innovation squared above which a sole is weighed down [-]
+    gravity: Positive  #: gravitational acceleration [m/s^2]
+    gate: Positive  #: normalised innovation squared above which a sole gets less weight [-]
     stamp_gap: Positive  #: largest step of a stamp that is accepted at once [s]
     imu: InertialNoise
     kinematics: KinematicNoise
@@ -219,7 +219,7 @@ class EstimatorConfig:
 
 
 def expecting(friction: float | None) -> EstimatorConfig:
-    """The packaged parameters, with an expected coefficient of friction [-] unless None."""
+    """Packaged parameters, with an expected friction coefficient [-] unless None; ``ConfigError`` if not in (0, 2]."""
     config = default_config(EstimatorConfig, "controllers", "estimator")
     if friction is None:
         return config

@@ -46,7 +46,7 @@ from models.robot_model import RobotModel
 from models.types import CentroidalState, ContactState, Matrix, PushEstimate, RobotState, SensorData, Vector
 
 UNKNOWN_FEET = UNKNOWN, UNKNOWN
-NOMINAL_STEP = 0.001  #: Step of the call that compiles, and of the rate sample of a state that no step has led to [s]
+NOMINAL_STEP = 0.001  #: Step of the compiling call, and of the gyro sample before the first step [s]
 
 
 class _Stages(NamedTuple):
@@ -61,27 +61,27 @@ class _Stages(NamedTuple):
     chains: SoleChains
     observer: Observer
     expected: Vector  # planned contact of each foot, see ``judge_sensors`` (2,)
-    rate: Vector  # mean of the step (3,) [rad/s]
+    rate: Vector  # mean rate over the step (3,) [rad/s]
 
 
 class StateEstimator:
     """Contact-aided invariant Kalman filter over encoders, IMU and foot sensors.
 
-    One step is: contacts from the wrenches, prediction, correction with both sole poses, and the base from the
-    IMU through the joints between. The prediction takes the mean of the last two rates, and the newest
-    specific force as the mean over the step (accelerometers integrate over their sampling time)::
+    One step detects contacts from the wrenches, predicts, corrects with both sole poses, and computes the base from the
+    IMU through the joints between them. The prediction uses the mean of the last two rates, and the newest specific
+    force as the mean over the step (accelerometers integrate over their sampling time)::
 
         R_WB = R_WI R_BI',   p_B = p_I - R_WB r_BI,   w_B = R_BI w_I - J_w dq,   v_B = R_WB' v_I - w_B x r_BI - J_v dq
 
-    Joint velocities enter only the last line, and only where the IMU does not sit on the base, so their
-    noise does not shake the base; accelerations reach the velocity within the step they are measured in.
+    Joint velocities enter only w_B and v_B, and only if joints lie between base and IMU; otherwise their noise does not
+    affect the base. Accelerations affect the velocity within the step in which they are measured.
 
-    A sample that is not finite, or not newer than the last one, is replaced part by part: the IMU's by its
-    last good values with more noise, joints and wrenches by their last good values without a correction. ``health``
-    counts them; ``health.coasting`` is their duration.
+    Parts of a sample that are not finite, or not newer than the last one, are replaced: IMU values by the last good
+    ones with more noise, joints and wrenches by the last good ones without a correction. ``health`` counts these
+    samples; ``health.coasting`` is their duration.
 
-    ``config`` is the packaged ``estimator.yaml`` when None; ``given`` keeps it, and the attribute ``config`` adds the
-    figures of the robot's IMU. Raises ``RobotModelError`` when the chains to soles or IMU are not of revolute joints.
+    ``config`` defaults to the packaged ``estimator.yaml``; ``given`` stores it, and the attribute ``config`` adds the
+    noise of the robot's IMU. Raises ``RobotModelError`` if a joint to a sole or the IMU is not revolute.
 
     Assumptions:
         The soles are flat, the ground does not move, and at ``reset`` the soles rest on a floor that is about level.
@@ -120,7 +120,7 @@ class StateEstimator:
         self._warm_up()
 
     def _warm_up(self) -> None:
-        """Compile every kernel now, so that nothing compiles inside the loop."""
+        """Compile every kernel, so that nothing compiles inside the loop."""
         nj = self._model.nj
         up = np.array([0.0, 0.0, self.config.gravity])
         hanging = SensorData(0.0, np.zeros(nj), np.zeros(nj), np.zeros(nj), np.zeros(3), up, np.zeros((2, 6)))
@@ -146,7 +146,7 @@ class StateEstimator:
         return joint[:6, :6].copy(), joint[6:, 6:].copy()
 
     def base_covariance(self) -> Matrix:
-        """Of both together (12, 12): pose as in ``odometry_covariance``, then the twist; a new array."""
+        """Joint covariance of pose and twist as in ``odometry_covariance`` (12, 12); a new array."""
         covariance, state = np.empty((12, 12)), self.filter.state
         base_covariance(
             state.rotation, state.vectors[1], state.covariance, self._kinematics.imu, self._variances, covariance
@@ -164,7 +164,7 @@ class StateEstimator:
         return self.observer.centroidal
 
     def reset(self, sensors: SensorData) -> RobotState:
-        """Start from one sample at rest: soles' middle at x = y = z = 0, yaw 0; ``MessageError`` if unusable."""
+        """Start from one sample at rest: midpoint of the soles at the origin, yaw 0; ``MessageError`` if unusable."""
         self._buffer.reset(sensors)
         share = float(np.linalg.norm(self._buffer.imu[1])) / self.config.gravity
         if abs(share - 1.0) > self.config.rest.accel_at_reset:
@@ -187,10 +187,10 @@ class StateEstimator:
         return self._state()
 
     def step(self, sensors: SensorData, dt: float, expected: tuple[bool, bool] | None = None) -> RobotState:
-        """Advance by one sample, which may be unusable, ``dt`` [s] after the last; propagates if it is stale.
+        """Advance by one sample, ``dt`` [s] after the last; bad parts are replaced, a stale sample only propagates.
 
-        ``expected`` is the planned contact of each foot by the gait; None without a schedule. Raises ``MessageError``
-        before ``reset``.
+        ``expected`` is the scheduled contact of each foot; None without a gait schedule. Raises ``MessageError`` before
+        ``reset``.
         """
         if not self._ready:
             raise MessageError("the estimator needs reset() with a first sample before step()")
@@ -230,7 +230,7 @@ class StateEstimator:
         return self._state(span)
 
     def _at_rest(self) -> bool:
-        """No foot bears and the IMU measures gravity alone: the robot hangs, or the simulator holds it."""
+        """Whether no foot bears load and the IMU measures only gravity: the robot hangs, or the simulator holds it."""
         left, right = self._contacts.active.tolist()
         if left or right:
             return False
@@ -240,7 +240,7 @@ class StateEstimator:
         return quiet and abs(math.sqrt(float(force @ force)) - self.config.gravity) < rest.accel
 
     def _state(self, span: float = -1.0) -> RobotState:
-        """The filter's estimate; the force observer advances by ``span`` [s], not at all when negative."""
+        """State from the filter; the force observer advances by ``span`` [s] unless negative."""
         q, v = np.empty(self._model.nq), np.empty(self._model.nv)
         _conclude(self._stages, span, q, v)
         wrenches = self._feet.used.copy()
@@ -261,8 +261,8 @@ def _advance(
 ) -> tuple[bool, int, int]:
     """Contacts, prediction and correction with the soles; ``scale`` multiplies the inertial noise.
 
-    ``left`` and ``right`` are the planned contact of each foot. Returns whether the health of the feet has changed, and
-    how many sole measurements were unusable and how many have less weight.
+    ``left`` and ``right`` are the scheduled contact of each foot. Returns whether the health of the feet has changed,
+    the number of unusable sole measurements, and the number with less weight.
     """
     buffer, feet, contacts, slips, friction, memory, chains, observer, expected, rate = stages.record
     innovation, imu, changed = memory.state.innovation, buffer.imu, False

@@ -1,4 +1,4 @@
-"""Foot sensors, contacts and slips: which feet bear load, and how far each measurement is used."""
+"""Foot sensors, contacts and slips: which feet bear load, and how much each measurement is trusted."""
 
 import math
 from enum import StrEnum
@@ -14,19 +14,19 @@ from models.types import Matrix, Vector
 
 Array = NDArray[np.float64]
 
-UNKNOWN = -1.0  #: Of the expected contact of a foot: there is no gait schedule
-NOT_FINITE, SATURATED = 1.0, 2.0  #: State of a foot's sample, in the buffer; 0 is sound
+UNKNOWN = -1.0  #: Expected contact of a foot without a gait schedule
+NOT_FINITE, SATURATED = 1.0, 2.0  #: States of a foot sample in the buffer; 0 is sound
 
 
 class FootSensorState(StrEnum):
     """State of one foot sensor."""
 
     SOUND = "sound"
-    ABSENT = "absent"  # nothing finite came for too long, or none is fitted
-    CONTRADICTED = "contradicted"  # contradicts the leg torques for too long, and those fit the motion
+    ABSENT = "absent"  # no finite sample for too long, or no sensor fitted
+    CONTRADICTED = "contradicted"  # contradicts the leg torques for too long while those fit the motion
 
     def __repr__(self) -> str:
-        """The value alone: diagnostics print tuples of these."""
+        """The value alone, for tuples in diagnostics."""
         return self.value
 
 
@@ -56,7 +56,7 @@ class SensorMemory(NamedTuple):
     last: Array  # readings (2, 6)
     counts: Array  # (2,)
     used: Array  # (2, 6)
-    doubt: Array  # time for which a sensor stays in doubt, within the memory of the low-passes (1,) [s]
+    doubt: Array  # remaining time in which a sensor is in doubt, for the low-passes to settle (1,) [s]
 
 
 @njit(cache=True)
@@ -64,11 +64,11 @@ def judge_sensors(
     samples: Array, readings: Array, low_passed: Array, estimated: Array, total: float, torques_good: bool,
     expected: Array, dt: float, sensors: SensorMemory,
 ) -> bool:  # fmt: skip
-    """One step of ``FootSensorMonitor``; whether a fault has begun or ended.
+    """One step of ``FootSensorMonitor``; returns whether a fault has begun or ended.
 
-    ``samples`` is the state of each foot's sample (2,), ``readings`` the last finite reading. The observer after the
-    step before gives the ``low_passed`` readings, those ``estimated`` from the leg torques (2, 6) [N, N.m], and the
-    ``total`` load by the motion [N]; ``torques_good`` is whether the joint torques of this sample are usable.
+    ``samples`` is the state of each foot sample (2,), ``readings`` the last finite reading (2, 6). The previous step of
+    the observer gives the ``low_passed`` readings, the wrenches ``estimated`` from the leg torques (2, 6) [N, N.m], and
+    the ``total`` load from the motion [N]. ``torques_good`` is whether the joint torques of this sample are usable.
     ``expected`` is 1 for a stance foot of the gait schedule, 0 for a swing foot, or ``UNKNOWN`` (2,).
     """
     limits, fault, timers, last, counts, used, doubt = sensors
@@ -88,7 +88,7 @@ def judge_sensors(
             timers[foot, 0] = 0.0
             load = estimated[foot, 2]
             read = low_passed[foot, 2]
-            # Whether a foot bears at all matters more: smaller differences count where one has it in the air.
+            # A wrong contact is worse than a wrong load: the bound is tighter if either shows the foot in the air.
             if abs(read - load) > (limits.contact_error if min(read, load) < limits.swing_load else limits.load_error):
                 timers[foot, 2] = 0.0
                 if credible and fault[foot] == 0.0:
@@ -101,7 +101,7 @@ def judge_sensors(
                         counts[foot] += 1.0
             else:
                 timers[foot, 1] = 0.0
-                alive = False  # a dead sensor repeats itself to the last bit
+                alive = False  # a dead sensor repeats bit-identical readings
                 for i in range(6):
                     alive = alive or readings[foot, i] != last[foot, i]
                 if fault[foot] > 0.0 and alive:
@@ -118,14 +118,14 @@ def judge_sensors(
 
 
 class FootSensorMonitor:
-    """Replaces faulty foot sensors by the wrenches that follow from the leg torques.
+    """Replaces readings of faulty foot sensors by wrenches from the leg torques.
 
-    There are three measurements of the load on the feet: the sensors, the leg torques, and the motion of the CoM, which
-    gives the sum of both. A sensor that contradicts the torques by more than ``load_error`` for ``fault_time`` is
-    faulty (by more than ``contact_error`` where one of them has the foot in the air), if the sum of the torques fits
-    the motion (within ``sum_error``, or better than the sum of the sensors); after ``scheduled_time``, if the gait
-    schedule agrees with the torques. So is one without a finite reading for ``fault_time``. It is sound again after it
-    has agreed with the torques for ``recover_time`` in readings that change.
+    The load on the feet is measured by the sensors, the leg torques, and the motion of the CoM, which gives the sum. A
+    sensor is faulty if it contradicts the torques by more than ``load_error`` for ``fault_time`` while the sum of the
+    torques fits the motion (within ``sum_error``, or better than the sum of the sensors). The bound is
+    ``contact_error`` if either shows the foot in the air; the time is ``scheduled_time`` if the gait schedule agrees
+    with the torques. A sensor without a finite reading for ``fault_time`` is faulty, too. A sensor is sound again after
+    it has agreed with the torques for ``recover_time`` with changing readings.
     """
 
     def __init__(self, config: FootSensorConfig, weight: float, fitted: bool) -> None:
@@ -143,7 +143,7 @@ class FootSensorMonitor:
         self.fitted = fitted
         self.used = np.zeros((2, 6))  #: Wrench of each sole, measured or estimated, in its frame (2, 6) [N, N.m]
         self.fault = np.zeros(2)  #: 0 sound, 1 absent, 2 contradicted, of each foot (2,)
-        self.counts = np.zeros(2)  #: Failures of each sensor (2,)
+        self.counts = np.zeros(2)  #: Number of faults of each sensor (2,)
         self._doubt = np.zeros(1)
         self._timers, self._last = np.zeros((2, 3)), np.zeros((2, 6))
         arrays = self.fault, self._timers, self._last, self.counts, self.used, self._doubt
@@ -151,11 +151,11 @@ class FootSensorMonitor:
 
     @property
     def states(self) -> tuple[FootSensorState, FootSensorState]:
-        """Of the left and the right foot."""
+        """States of the left and the right sensor."""
         return _STATES[int(self.fault[0])], _STATES[int(self.fault[1])]
 
     def reset(self, samples: Array, readings: Matrix, estimated: Matrix) -> None:
-        """Start over; the sensor of a foot whose first sample is not finite counts as absent."""
+        """Reset; a sensor whose first sample is not finite is absent."""
         self._timers[:], self.counts[:], self._doubt[:] = 0.0, 0.0, 0.0
         self.fault[:] = samples == NOT_FINITE
         self._last[:] = readings
@@ -163,7 +163,7 @@ class FootSensorMonitor:
 
 
 class ContactLimits(NamedTuple):
-    """``ContactConfig`` with loads in N, the thresholds where the foot sensor is faulty, and noises as logarithms."""
+    """``ContactConfig`` with loads in N, thresholds for faulty foot sensors, and logarithms of the noises."""
 
     load_off: float
     load_on: float
@@ -238,22 +238,22 @@ def assess_contacts(
 
 
 class ContactDetector:
-    """Detects which feet bear load, and sets the process noise that follows.
+    """Detects which feet bear load, and sets their process noise.
 
-    A foot makes contact after its normal force stays above ``load_on`` for ``on_delay`` and breaks it as soon as the
-    force falls below ``load_off``. Where the wrench comes from the leg torques (``FootSensorMonitor``), the bounds are
-    ``stance_load`` and ``swing_load``, the first one raised where the gait schedule has the foot in the air, and the
-    centre of pressure counts for less, as it does with a saturated sensor.
+    A foot makes contact after its normal force has been above ``load_on`` for ``on_delay``, and breaks contact when the
+    force falls below ``load_off``. For a wrench from the leg torques (``FootSensorMonitor``), the bounds are
+    ``stance_load``, raised for a scheduled swing foot, and ``swing_load``. The centre of pressure from leg torques or a
+    saturated sensor has less weight.
 
-    The confidence that a bearing foot stands still, c in [0, 1], rises with the load from ``load_off`` to
-    ``load_full``; the confidence that it stays flat, with the distance m of its centre of pressure from the nearest
-    edge. Noises are interpolated geometrically::
+    The confidence c in [0, 1] that a stance foot does not move rises with the load from ``load_off`` to ``load_full``.
+    The confidence m that it stays flat rises with the distance of its centre of pressure from the nearest edge. Noises
+    are interpolated geometrically::
 
         s_position    = swing^(1 - c) slip^c
         s_orientation = swing_rotation^(1 - c) (tipping^(1 - m) flat^m)^c
 
-    A sole that bears on its whole area gives way about its middle, one that tips about its centre of pressure: the
-    pivot is (1 - m) times that.
+    A flat sole turns about its middle, a tipping sole about its centre of pressure; the pivot is (1 - m) times the
+    latter.
     """
 
     def __init__(
@@ -277,7 +277,7 @@ class ContactDetector:
             flat=math.log(noise.flat),
         )
         rectangles = np.array([foot.rectangle for foot in model.feet], dtype=np.float64)
-        self.active = np.zeros(2)  #: 1 where the foot bears, else 0 (2,)
+        self.active = np.zeros(2)  #: 1 for a foot in contact, else 0 (2,)
         self._timers = np.zeros(2)
         self.confidence = np.zeros((2, 2))  #: c and m of each foot (2, 2) [-]
         self.cops = np.zeros((2, 2))  #: Centre of pressure in the sole frame, kept from the last contact (2, 2) [m]
@@ -288,7 +288,7 @@ class ContactDetector:
         self.reset(np.zeros((2, 6)), np.zeros(2))
 
     def reset(self, wrenches: Matrix, fault: Vector) -> None:
-        """Start from one sample (2, 6) [N, N.m], without the delay: a loaded foot bears at once."""
+        """Start from one sample (2, 6) [N, N.m], without the delay: a loaded foot is in contact at once."""
         self._timers[:] = 0.0
         self.active[:] = wrenches[:, 2] > np.where(fault > 0.0, self._limits.stance_load, self._limits.load_on)
         self.cops[:], self.pivots[:] = 0.0, 0.0
@@ -297,8 +297,8 @@ class ContactDetector:
     def update(self, wrenches: Matrix, samples: Vector, fault: Vector, expected: Vector, dt: float) -> None:
         """Advance by ``dt`` [s] with the ground reaction on each foot, in its sole frame (2, 6) [N, N.m].
 
-        ``samples`` is the state of each foot's sample, as in ``SensorBuffer`` (2,); ``fault`` is not 0 where the wrench
-        comes from the leg torques (2,); ``expected`` is as in ``judge_sensors``.
+        ``samples`` is the state of each foot sample, as in ``SensorBuffer`` (2,); ``fault`` is nonzero for a wrench
+        from the leg torques (2,); ``expected`` is as in ``judge_sensors``.
         """
         assess_contacts(wrenches, samples, fault, expected, dt, self.memory)
 
@@ -310,16 +310,16 @@ class SlipMemory(NamedTuple):
     time: float
     recover_time: float
     density: float
-    timers: Array  # over the gate, quiet (2, 2) [s]
+    timers: Array  # above and below the gate (2, 2) [s]
     slipping: Array  # (2,)
     counts: Array  # (2,)
 
 
 @njit(cache=True)
 def watch_slips(innovation: Array, stands: Array, dt: float, densities: Array, limits: SlipMemory) -> bool:
-    """One step of ``SlipMonitor``; whether a slip began.
+    """One step of ``SlipMonitor``; returns whether a slip began.
 
-    ``innovation`` and confidence ``stands`` are of each foot (2,); raises the ``densities`` of slips (2, 2).
+    ``innovation`` and confidence ``stands`` are per foot (2,); raises the ``densities`` of slipping feet (2, 2).
     """
     changed, timers, slipping, counts = False, limits.timers, limits.slipping, limits.counts
     for foot in range(2):
@@ -345,11 +345,11 @@ def watch_slips(innovation: Array, stands: Array, dt: float, densities: Array, l
 
 
 class SlipMonitor:
-    """Slips of bearing feet, from the innovation of their kinematic measurement.
+    """Detects slips of stance feet from the innovation of their kinematic measurement.
 
     A foot slips once its normalised innovation squared has been above the ``gate`` [-] for ``time``. Its position then
-    wanders with ``density`` until the innovation has stayed below the gate for ``recover_time``. ``slipping`` is 1
-    where a foot slips, else 0 (2,); ``counts`` are the slips of each foot (2,).
+    has the random walk ``density`` until the innovation has stayed below the gate for ``recover_time``. ``slipping`` is
+    1 for a slipping foot, else 0 (2,); ``counts`` is the number of slips of each foot (2,).
     """
 
     def __init__(self, config: SlipConfig, gate: float) -> None:
@@ -358,5 +358,5 @@ class SlipMonitor:
         self.memory = SlipMemory(*limits, timers, self.slipping, self.counts)
 
     def reset(self) -> None:
-        """No foot has slipped."""
+        """Clear all slips."""
         self.memory.timers[:], self.slipping[:], self.counts[:] = 0.0, 0.0, 0.0

@@ -4,9 +4,9 @@ State: ``X = (R, v, p, d_L, d_R)`` in SE_4(3), sole rotations ``Z_L, Z_R`` in SO
 
     R' = R [w - b_g]x,   v' = R (f - b_a) + g,   p' = v,   d' = noise,   Z' = noise
 
-measured through ``y_i = R' (d_i - p)`` and ``C_i = R' Z_i``. With the right-invariant error ``X_hat = Exp(xi) X``
-both measurements are linear with constant matrices, and the unobservable directions (yaw, position) are constant:
-no information can leak into them, however the estimate moves.
+The measurements are ``y_i = R' (d_i - p)`` and ``C_i = R' Z_i``. With the right-invariant error ``X_hat = Exp(xi) X``
+both are linear with constant matrices, and the unobservable directions (yaw, position) are constant. No information can
+leak into them, however the estimate moves.
 
 References:
     R. Hartley, M. Ghaffari, R. Eustice, J. Grizzle, "Contact-aided invariant extended Kalman filtering for robot
@@ -45,28 +45,28 @@ from models.types import Matrix, Vector
 
 _LEVEL_PLUS = np.array([SOLE, SOLE + 1, SOLE + 3, SOLE + 4])
 _LEVEL_MINUS = np.full(4, -1)
-#: Standard deviations beyond which the floor is taken for a real slope, and its level for no information [-]
+#: Standard deviations beyond which the floor counts as sloped and is no measurement of level [-]
 _LEVEL_GATE = 3.0
-#: Sine of the angle between up and the base's x axis below which the robot lies and that axis has no heading [-]
+#: Sine of the angle between up and the base's x axis below which that axis has no heading: the robot lies [-]
 _LYING = 1e-6
-#: Factor on ``foot.slip`` below which the random walk of a foot is that of one that bears, rounding aside [-]
+#: Factor on ``foot.slip`` below which a random walk is that of a fully loaded foot, rounding included [-]
 FULLY_TRUSTED = 1.01
 _REST_PLUS = np.array([VELOCITY, VELOCITY + 1, VELOCITY + 2])
 _REST_MINUS = np.full(3, -1)
 
 
 class NoiseLimits(NamedTuple):
-    """``FootNoise`` for kernels; exponents are shares of the way from ``swing`` to ``slip``, as logarithms [-]."""
+    """``FootNoise`` for kernels; exponents are logarithmic shares of the range from ``swing`` to ``slip`` [-]."""
 
     swing: float
     slip: float
     pivot: float
     settle_time: float
     settling: float  # exponent of the height of a sole that has just landed
-    sink: float  # exponent of the height of one that has settled
-    creep: float  # exponent of the horizontal position of one that has just landed
-    middle: float  # geometric mean of the random walks of a swinging and a bearing foot [m/sqrt(s)]
-    middle_rotation: float  # of a tipping and a flat one [rad/sqrt(s)]
+    sink: float  # exponent of the height of a settled sole
+    creep: float  # exponent of the horizontal position of a sole that has just landed
+    middle: float  # geometric mean of the random walks of a swing and a stance foot [m/sqrt(s)]
+    middle_rotation: float  # the same of a tipping and a flat sole [rad/sqrt(s)]
     turn: float
     turn_time: float
 
@@ -76,7 +76,7 @@ class Filter(NamedTuple):
 
     state: FilterState
     limits: NoiseLimits
-    densities: Array  # squared, of rate, specific force and the walks of their biases (4,)
+    densities: Array  # squared, of rate, specific force and the random walks of their biases (4,)
     persistence: float  # of the error of the measured sole poses [s]
     gravity: float  # [m/s^2]
     gate: float  # [-]
@@ -85,7 +85,7 @@ class Filter(NamedTuple):
 
 
 class InvariantFilter:
-    """The filter; ``state`` is updated in place, ``memory`` has it for kernels; ``innovation`` is 6 on average."""
+    """Filter with its ``state``, updated in place, and ``memory`` for kernels; the mean of ``innovation`` is 6."""
 
     def __init__(self, config: EstimatorConfig) -> None:
         self._config = config
@@ -98,7 +98,7 @@ class InvariantFilter:
         self._densities = np.array([imu.gyro_noise, imu.accel_noise, imu.gyro_bias_walk, imu.accel_bias_walk]) ** 2
         self._noise = ProcessNoise(np.zeros((2, 2)), np.zeros((2, 4)), np.zeros(4), np.zeros((2, 6, 6)))
         foot = config.foot
-        # Height between swing and sink, as far on the way as the horizontal position is between swing and slip.
+        # Height noise between swing and sink, at the share of the horizontal noise between swing and slip.
         span = math.log(foot.swing / foot.slip)
         limits = NoiseLimits(
             swing=foot.swing,
@@ -117,11 +117,11 @@ class InvariantFilter:
         self.memory = Filter(self.state, *constants, self._noise, self._error)
 
     def initialise(self, soles: SolePoses, imu_rotation: Matrix, force: Vector) -> None:
-        """Stand the robot on the floor: soles' middle at x = y = 0, soles at z = 0, yaw of the base 0.
+        """Initialise with the robot on the floor: midpoint of the soles at x = y = z = 0, yaw of the base 0.
 
-        Roll and pitch make the specific force (3,) [m/s^2] of the unit vertical; it must not be zero. An accelerometer
-        bias tilts this estimate by ``b / g``: the covariance starts with that correlation, so the filter does not
-        mistake the bias for an acceleration. The soles are those of the same sample; ``imu_rotation`` is R_BI (3, 3).
+        Roll and pitch align the nonzero specific force (3,) [m/s^2] with the vertical. An accelerometer bias tilts this
+        estimate by ``b / g``. The initial covariance has this correlation, so the filter does not mistake the bias for
+        an acceleration. ``soles`` is of the same sample, ``imu_rotation`` is R_BI (3, 3).
         """
         state = self.state
         up = imu_rotation @ (force / np.linalg.norm(force))
@@ -140,7 +140,7 @@ class InvariantFilter:
             state.soles[foot] = state.rotation @ soles.rotations[foot]
         state.biases[:] = 0.0
         state.innovation[:] = 0.0
-        # The give of the soles under the first load is part of ``initial.height``: only what bore can settle again.
+        # ``initial.height`` covers the first compression of the soles: only a foot that was loaded settles again.
         state.standing[:], state.bore[:], state.bearing[:] = math.inf, 0.0, 0.0
         self._initialise_covariance(soles)
 
@@ -175,14 +175,14 @@ class InvariantFilter:
         covariance[:] = 0.5 * (covariance + covariance.T)
 
     def measure_rest(self, variance: float) -> int:
-        """Correct with a velocity of zero, known with ``variance`` [m^2/s^2]; returns 1 when unusable."""
+        """Correct with zero velocity of a ``variance`` [m^2/s^2]; returns 1 if unusable, else 0."""
         return self._correct(_REST_PLUS, _REST_MINUS, self.state.vectors[0].copy(), np.eye(3) * variance)
 
     def measure_level(self) -> int:
-        """Correct with the assumption that both soles stand on a floor that is about level; returns 1 when unusable.
+        """Correct with the assumption that both soles stand on a roughly level floor; returns 1 if unusable, else 0.
 
-        At rest an accelerometer cannot distinguish its bias from a tilt of the base; the floor can, as well as floors
-        are level. A floor that disagrees by more than three standard deviations is ignored.
+        At rest an accelerometer cannot distinguish its bias from a tilt of the base. The floor can, within the accuracy
+        of its level. A floor that disagrees by more than three standard deviations is ignored.
         """
         soles = self.state.soles
         # Exp(xi_Z) e_z = Z e_z to first order: xi_Z = e_z x (Z e_z), without its z.
@@ -207,8 +207,8 @@ def propagate(
     """Propagate by ``dt`` [s] with the measured rate [rad/s] and specific force [m/s^2] (3,) in the IMU's frame.
 
     ``foot_densities`` (2, 2) are random walks of position and orientation of each foot [m/sqrt(s), rad/sqrt(s)],
-    ``pivots`` (2, 2) the points of the soles about which they turn [m], ``scale`` multiplies the inertial noise, and
-    ``sole_noise`` (2, 6, 6) is the covariance of the sole poses that the encoders give.
+    ``pivots`` (2, 2) the points about which the soles turn [m]. ``scale`` multiplies the inertial noise. ``sole_noise``
+    (2, 6, 6) is the covariance of the sole poses from the encoders.
     """
     state, limits, noise = memory.state, memory.limits, memory.noise
     noise.pivots[:] = pivots
@@ -229,7 +229,7 @@ def propagate(
         height = limits.swing * share ** (limits.sink if settled else limits.settling)
         if not settled:
             position = limits.swing * share**limits.creep
-        lift = limits.pivot * orientation  # of a sole that turns about a point this far from where it is estimated
+        lift = limits.pivot * orientation  # height noise from the error of the pivot
         variances = noise.feet[foot]
         variances[0], variances[1] = dt * (position * position), dt * (height * height + lift * lift)
         variances[2], variances[3] = dt * (orientation * orientation), dt * (turn * turn)

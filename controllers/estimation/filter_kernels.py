@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SIZE = 27
-#: First index of each block of the error; feet and soles take six, left then right
+#: First index of each block of the error; feet and soles have six entries, left then right
 ROTATION, VELOCITY, POSITION, FOOT, SOLE, GYRO_BIAS, ACCEL_BIAS = 0, 3, 6, 9, 15, 21, 24
 _FOOT_PLUS = np.array([POSITION, POSITION + 1, POSITION + 2, ROTATION, ROTATION + 1, ROTATION + 2])
 _FOOT_MINUS = np.array(
@@ -25,21 +25,21 @@ _FOOT_MINUS = np.array(
 
 
 class FilterState(NamedTuple):
-    """State of the IMU in W, and biases; the error (27,) is right-invariant but for these, ``b_hat - b``."""
+    """State of IMU and soles in W, and biases; the error (27,) is right-invariant, for the biases ``b_hat - b``."""
 
     rotation: Array  # R (3, 3)
-    vectors: Array  # velocity v and position p of the unit, origins of both soles d_L, d_R (4, 3) [m/s, m]
+    vectors: Array  # velocity v and position p of the IMU, origins of both soles d_L, d_R (4, 3) [m/s, m]
     soles: Array  # rotations of both soles, Z_L, Z_R (2, 3, 3)
     biases: Array  # gyro b_g, accelerometer b_a (2, 3) [rad/s, m/s^2]
     covariance: Array  # of the error [R, v, p, d_L, d_R, Z_L, Z_R, b_g, b_a] (27, 27)
     innovation: Array  # normalised innovation squared of each foot's last update, -1 if unusable (2,) [-]
     standing: Array  # time for which each foot has been flat on the ground (2,) [s]
-    bore: Array  # 1 where a foot has borne load fully since the start, else 0 (2,)
-    bearing: Array  # time for which each foot has borne load (2,) [s]
+    bore: Array  # 1 for a foot that has been fully loaded since the start, else 0 (2,)
+    bearing: Array  # time for which each foot has been in stance (2,) [s]
 
     @classmethod
     def zero(cls) -> FilterState:
-        """At the origin, with a covariance of 1."""
+        """State at the origin, with an identity covariance."""
         soles = np.tile(np.eye(3), (2, 1, 1))
         return cls(
             np.eye(3), np.zeros((4, 3)), soles, np.zeros((2, 3)), np.eye(SIZE), np.zeros(2), np.full(2, math.inf),
@@ -54,14 +54,14 @@ class FilterState(NamedTuple):
 class ProcessNoise(NamedTuple):
     """Noise of one step."""
 
-    pivots: Array  # point of each sole about which it turns, in its frame (2, 2) [m]
+    pivots: Array  # point about which each sole turns, in its frame (2, 2) [m]
     feet: Array  # variances of horizontal position, height, tilt and heading of each foot (2, 4) [m^2, rad^2]
     imu: Array  # variances of angle, velocity, gyro bias and accelerometer bias (4,)
-    wander: Array  # covariance of the error of the measured sole poses, in each sole frame (2, 6, 6)
+    wander: Array  # covariance of the drift of the sole pose errors, in each sole frame (2, 6, 6)
 
 
 class SolePoses(NamedTuple):
-    """Measurement of the filter: the soles in the frame of the IMU."""
+    """Measurement of the filter: sole poses in the IMU frame."""
 
     rotations: Array  # (2, 3, 3)
     positions: Array  # (2, 3) [m]
@@ -91,8 +91,8 @@ def _add_rows(matrix: Array, row: int, source: int, block: Array) -> None:
 def apply_transition(rotation: Array, vectors: Array, dt: float, gravity: float, matrix: Array) -> None:
     """``matrix <- Phi matrix`` (27, k), with Phi the transition of the error over ``dt``.
 
-    ``rotation`` is R (3, 3), and ``vectors`` start with v and p, all in the middle of the step, then d_L, d_R (4, 3).
-    The blocks are multiplied in place, from the one that depends on most to the one that depends on least.
+    ``rotation`` is R (3, 3); ``vectors`` are v, p, d_L, d_R (4, 3); R, v and p are in the middle of the step. The
+    blocks are multiplied in place, starting with the block that depends on most others.
     """
     pull = np.zeros((3, 3))  # [g]x, g = (0, 0, -gravity)
     pull[0, 1], pull[1, 0] = gravity, -gravity
@@ -171,7 +171,7 @@ def add_process_noise(vectors: Array, soles: Array, covariance: Array, noise: Pr
                 covariance[z + j, d + i] -= turn[j] * lever[i, j]
                 for k in range(3):
                     covariance[d + i, d + j] += turn[k] * lever[i, k] * lever[j, k]
-        # The filter's sole is where the encoders see it, so it moves as their error does.
+        # The encoders define the soles of the filter, so the soles drift with the encoder error.
         turn_noise(soles[foot], noise.wander[foot], slow)
         for i in range(3):
             for j in range(3):
@@ -248,7 +248,7 @@ def retract(state: FilterState, error: Array) -> None:
 
 @njit(cache=True)
 def _add_product(left: Array, right: Array, out: Array) -> None:
-    """``out += left right``, three rows of ``right`` at a time: that writes ``out`` a third as often."""
+    """``out += left right``, three rows of ``right`` at a time, to write ``out`` a third as often."""
     count = right.shape[0]
     whole = count - count % 3
     for i in range(out.shape[0]):
@@ -265,15 +265,15 @@ def _add_product(left: Array, right: Array, out: Array) -> None:
 def correct(
     covariance: Array, plus: Index, minus: Index, residual: Array, noise: Array, gate: float, error: Array
 ) -> float:
-    """Kalman gain and Joseph update for measurements that are one error component, or the difference of two.
+    """Kalman gain and Joseph update for measurements of one error component or of the difference of two.
 
-    ``residual = H xi + n`` with ``H xi = xi[plus] - xi[minus]``, without the second where ``minus`` is -1, and
-    ``n ~ N(0, noise)``. A residual whose normalised square e exceeds the gate has its noise multiplied by
-    sqrt(e / gate): Huber's weight, so that an outlier pulls no harder than one at the gate, and a filter that
-    is wrong for another reason still recovers.
+    ``residual = H xi + n`` with ``H xi = xi[plus] - xi[minus]``, or ``xi[plus]`` where ``minus`` is -1, and
+    ``n ~ N(0, noise)``. If the normalised square e of the residual exceeds the gate, the noise is multiplied by
+    sqrt(e / gate) (Huber weight): an outlier pulls no harder than a residual at the gate, and a filter with a wrong
+    state still recovers.
 
     ``covariance`` (27, 27) is updated in place and ``error`` (27,) receives the estimated error of the state. Returns
-    the normalised innovation squared [-], or -1 and changes nothing where the innovation is not finite.
+    the normalised innovation squared [-], or -1 without a change if it is not finite.
     """
     m = plus.shape[0]
     cross = np.empty((m, SIZE))  # H P
@@ -306,7 +306,7 @@ def correct(
             squared += white[r] * white[r]
         if squared <= gate:
             break
-        # A residual that is not finite makes the weight so too, and the second factorisation refuses it.
+        # With a residual that is not finite, the weight is not finite and the second factorisation fails.
         weight = math.sqrt(squared / gate)
     gain = cross.copy()  # K' (m, 27): solve S K' = H P
     solve_factored(factor, gain)

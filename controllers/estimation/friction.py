@@ -1,4 +1,4 @@
-"""Friction of the ground, from soles that slide and soles that hold."""
+"""Friction coefficient of the ground, from sliding and holding soles."""
 
 import math
 from typing import NamedTuple
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class FrictionLimits(NamedTuple):
-    """``FrictionConfig`` for compiled code, and the coefficient of the start."""
+    """``FrictionConfig`` for compiled code, and the initial coefficient."""
 
     load: float  # [N]
     flat: float
@@ -36,17 +36,17 @@ class FrictionMemory(NamedTuple):
     limits: FrictionLimits
     rectangles: Array  # of the soles (2, 4) [m]
     demands: Array  # low-passed (2,) [-]
-    places: Array  # of the soles in the last tick; NaN before the first one (2, 2) [m]
+    places: Array  # positions of the soles in the last tick; NaN before the first tick (2, 2) [m]
     velocities: Array  # of the soles, low-passed (2, 2) [m/s]
-    normals: Array  # x and y of the soles' normals in the last tick; NaN before the first one (2, 2) [-]
+    normals: Array  # x and y of the sole normals in the last tick; NaN before the first tick (2, 2) [-]
     rates: Array  # of the normals, low-passed (2, 2) [rad/s]
-    turning: Array  # how fast each sole has turned, decaying with ``turn_time`` (2,) [rad/s]
+    turning: Array  # peak turning rate of each sole, decaying with ``turn_time`` (2,) [rad/s]
     coefficient: Array  # (1,)
 
 
 @njit(cache=True)
 def friction_demand(wrench: Array, rectangle: Array) -> float:
-    """Least coefficient with which a sole can bear a wrench (6,) with a positive normal force [N, N.m]."""
+    """Least coefficient at which a sole holds a wrench (6,) with a positive normal force [N, N.m]."""
     x_min, x_max, y_min, y_max = rectangle
     normal = wrench[2]
     x = min(max(-wrench[4] / normal, x_min), x_max)
@@ -72,8 +72,8 @@ def watch_friction(
     """One step of ``FrictionEstimator``.
 
     ``wrenches`` are the ground reactions in the sole frames (2, 6) [N, N.m], ``confidence`` that each sole lies flat
-    (2,) [-], ``slipping`` is 1 where a foot slips (2,), ``soles`` are the estimated places, x and y first, in W
-    (2, 3) [m], ``rotations`` theirs to W (2, 3, 3).
+    (2,) [-], ``slipping`` is 1 for a slipping foot (2,), ``soles`` are the estimated sole positions in W (2, 3) [m],
+    ``rotations`` the rotations from the sole frames to W (2, 3, 3).
     """
     limits, rectangles, demands, places, velocities, normals, rates, turning, coefficient = memory
     share = min(dt / limits.filter_time, 1.0)
@@ -118,18 +118,18 @@ class FrictionEstimator:
         \dot\mu = (d - \mu) / T_{slide} \;\text{(slides)}, \quad
         \dot\mu = \max(d / s - \mu, 0) / T_{raise} \;\text{(holds)}
 
-    The demand d is the least coefficient with which the sole bears its wrench: ``m_z`` is the moment about the centre
-    of pressure, ``l`` the mean distance of the corners from there, weighted by their load. A sole slides when
-    ``SlipMonitor`` finds a slip, it moves faster than ``speed``, and the ground's force opposes its velocity, as
-    friction does: with joint states that are late by T, a sole that holds seems to move by T times the acceleration of
-    the base, along the force. Besides, a sole that turns about a horizontal axis, over the edge of a tile, moves by up
-    to half its length times the rate, and the filter, which assumes that it is flat, follows with a delay. So a sole
-    slides only if it is faster than that, with the rate decaying with ``turn_time``. The demand of a sole that slides
-    is the coefficient then. A sole that holds shows that the coefficient is at least d; the estimate rises slowly to
-    more, by ``1 / s``, until the sole slides again. Only soles with load and a centre of pressure away from the edges
-    count: one that tips or has just landed moves as well.
+    The demand d is the least coefficient at which the sole holds its wrench: ``m_z`` is the moment about the centre of
+    pressure, ``l`` the mean distance of the corners from there, weighted by their load. A sole slides when
+    ``SlipMonitor`` detects a slip, its speed exceeds ``speed``, and the ground force opposes its velocity. The last
+    condition excludes late joint states: with a delay T, a holding sole seems to move along the force, by T times the
+    acceleration of the base. A sole that turns about a horizontal axis, for example over the edge of a tile, moves by
+    up to half its length times the rate; the filter assumes a flat sole and follows with a delay. A sliding sole must
+    therefore also be faster than this; the rate decays with ``turn_time``. For a sliding sole, d is the coefficient. A
+    holding sole shows that the coefficient is at least d: the estimate rises slowly to ``d / s`` until the sole slides
+    again. Only loaded soles with a centre of pressure away from the edges count, because tipping and landing soles
+    move, too.
 
-    ``coefficient`` (1,) starts at the expected one of the configuration, or that of the robot's profile.
+    ``coefficient`` (1,) starts at the expected value of the configuration, or of the robot's profile.
 
     Reference:
         Howe, Cutkosky: Practical force-motion models for sliding manipulation, IJRR 1996 (ellipsoidal limit surface).
@@ -160,7 +160,7 @@ class FrictionEstimator:
         self.reset()
 
     def reset(self) -> None:
-        """Start over from the expected coefficient."""
+        """Reset to the initial coefficient."""
         memory = self.memory
         memory.demands[:], memory.places[:], memory.normals[:] = -1.0, np.nan, np.nan
         memory.velocities[:], memory.rates[:], memory.turning[:] = 0.0, 0.0, 0.0

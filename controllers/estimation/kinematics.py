@@ -1,4 +1,4 @@
-"""Sole poses relative to the IMU, and pose, twist and covariance of the base from those of the unit."""
+"""Sole poses relative to the IMU, and pose, twist and covariance of the base from those of the IMU."""
 
 from typing import NamedTuple
 
@@ -18,16 +18,16 @@ Index = NDArray[np.int64]
 
 
 class ImuPose(NamedTuple):
-    """IMU in the base frame."""
+    """Pose of the IMU in the base frame."""
 
     rotation: Array  # R_BI (3, 3)
     position: Array  # (3,) [m]
-    jacobian: Array  # local Jacobian (6, k); k = 0 when the unit sits on the base
+    jacobian: Array  # local Jacobian (6, k); k = 0 if the IMU is on the base
     columns: Index  # joints between base and IMU (k,)
 
 
 class PoseVariances(NamedTuple):
-    """Of one joint position [rad^2], of the model error of a sole position [m^2] and orientation [rad^2]."""
+    """Variances of a joint position [rad^2] and of model errors of a sole's position [m^2] and orientation [rad^2]."""
 
     encoder: float
     position: float
@@ -35,22 +35,22 @@ class PoseVariances(NamedTuple):
 
 
 class SoleChains(NamedTuple):
-    """Chains to soles and IMU, and the poses that follow."""
+    """Chains to soles and IMU, and the resulting poses."""
 
     tree: KinematicTree
     frames: TreeFrames  # left sole, right sole, IMU
-    columns: Index  # joints between base and each sole, filled up with -1 (2, k)
+    columns: Index  # joints between base and each sole, padded with -1 (2, k)
     variances: PoseVariances
     imu: ImuPose
     soles: SolePoses
 
 
 class SoleKinematics:
-    """Kinematic measurement of the filter; compared with Pinocchio by a test.
+    """Kinematic measurement of the filter; a test compares it with Pinocchio.
 
-    ``imu`` is in the base frame, ``soles`` are in the frame of the IMU, ``memory`` holds both for compiled code. The
-    standard deviations are of a joint position [rad] and of the model error of a sole's position [m] and orientation
-    [rad]. Raises ``RobotModelError`` when a joint is not revolute, or moves both a sole and the IMU.
+    ``imu`` is in the base frame, ``soles`` are in the IMU frame, ``memory`` has both for compiled code. The arguments
+    are standard deviations: of a joint position [rad], and of the model error of a sole position [m] and orientation
+    [rad]. Raises ``RobotModelError`` if a joint is not revolute, or moves both a sole and the IMU.
     """
 
     def __init__(self, model: RobotModel, *, encoder: float, position: float, orientation: float) -> None:
@@ -76,7 +76,7 @@ class SoleKinematics:
         self.update(np.zeros(model.nj))
 
     def update(self, joints: Vector) -> None:
-        """Compute everything at joint positions (nj,) [rad]."""
+        """Update all poses at joint positions (nj,) [rad]."""
         sole_poses(joints, self.memory)
 
 
@@ -84,7 +84,7 @@ class SoleKinematics:
 def _joint_column(
     tree: KinematicTree, n: int, rotations: Array, origins: Array, rotation: Array, position: Array, out: Array
 ) -> None:
-    """Velocity of a frame in the frame per rate of joint n, linear then angular (6,)."""
+    """Column of joint n in the local Jacobian of a frame, linear then angular (6,)."""
     axis, lever, linear = np.empty(3), np.empty(3), np.empty(3)
     rotate(rotations[n + 1], tree[n + 1].axis, axis)
     for i in range(3):
@@ -98,10 +98,10 @@ def _joint_column(
 
 @njit(cache=True)
 def sole_poses(joints: Array, chains: SoleChains) -> None:
-    """Soles relative to the IMU, and the covariance that encoder noise gives them.
+    """Sole poses in the IMU frame, and their covariance from encoder noise.
 
-    With ``T = T_BI^-1 T_BS`` and local Jacobians, ``dT = J_S dq_S - Ad(T^-1) J_I dq_I``, both in the sole frame, so
-    ``N = s^2 (J_S J_S' + Ad J_I J_I' Ad') + diag(floors)``.
+    With ``T = T_BI^-1 T_BS`` and local Jacobians, ``dT = J_S dq_S - Ad(T^-1) J_I dq_I``, both in the sole frame. The
+    covariance is ``N = s^2 (J_S J_S' + Ad J_I J_I' Ad') + diag(floors)``.
     """
     tree, frames, columns, variances, imu, soles = chains
     rotations, origins = np.empty((tree.shape[0], 3, 3)), np.zeros((tree.shape[0], 3))
@@ -133,7 +133,7 @@ def sole_poses(joints: Array, chains: SoleChains) -> None:
                 for j in range(i, 6):
                     covariance[i, j] += variances.encoder * column[i] * column[j]
         for k in range(imu.columns.shape[0]):
-            # Twist of the unit seen at the sole: linear v + w x p, then both turned into the sole frame.
+            # Twist of the IMU at the sole, linear part v + w x p, then expressed in the sole frame.
             for i in range(3):
                 spin[i] = imu.jacobian[3 + i, k]
             lever[0] = imu.jacobian[0, k] + spin[1] * seen[2] - spin[2] * seen[1]
@@ -158,14 +158,14 @@ def base_state(
 ) -> None:
     """Write configuration q and velocity v in Pinocchio's order, from the filter's state of the IMU.
 
-    ``rotation`` is R_WI (3, 3); ``vectors`` start with velocity and position of the unit in W (4, 3), ``biases`` with
-    that of the gyro (2, 3). ``rate`` is the measured angular rate (3,) [rad/s]; ``joints`` are positions, velocities,
-    torques (3, nj), and ``imu`` belongs to these positions.
+    ``rotation`` is R_WI (3, 3). The first rows of ``vectors`` (4, 3) are velocity and position of the IMU in W; the
+    first row of ``biases`` (2, 3) is the gyro bias. ``rate`` is the measured angular rate (3,) [rad/s]; ``joints`` are
+    positions, velocities, torques (3, nj). ``imu`` is the pose at these positions.
     """
     imu_rotation, imu_position = imu.rotation, imu.position
     base = np.empty((3, 3))
     turned = np.empty(3)
-    twist = np.empty((2, 3))  # of the IMU in its own frame, joint motion taken off: linear, angular
+    twist = np.empty((2, 3))  # of the IMU in the IMU frame, without joint motion: linear, angular
     for i in range(3):
         for j in range(3):
             base[i, j] = (
@@ -221,10 +221,10 @@ def _add_product(jacobian: Array, covariance: Array, out: Array) -> None:
 def base_covariance(
     rotation: Array, position: Array, covariance: Array, imu: ImuPose, variances: Array, out: Array
 ) -> None:
-    """Joint covariance of the base's pose in W and its twist in B.
+    """Joint covariance of the base pose in W and the base twist in B.
 
-    With the right-invariant error xi, the error n_g of the present rate sample, and the errors dq, dv of position and
-    velocity of the joints between base and IMU (Jacobian J of the unit in its own frame), to first order::
+    xi is the right-invariant error, n_g the error of the present gyro sample, dq and dv are the errors of position and
+    velocity of the joints between base and IMU, and J is the local Jacobian of the IMU. To first order::
 
         dtheta_W = xi_R - R_WI J_w dq
         dp_B     = xi_p - [p_B]x xi_R - R_WI (J_v dq + J_w dq x r_IB)
@@ -232,15 +232,15 @@ def base_covariance(
         dv_B     = R_BI (R_WI' xi_v - J_v dv) + [r_BI]x dw_B
 
     dtheta is a rotation about the fixed axes of W (``R_hat = Exp(dtheta) R``). The linear part of the twist depends on
-    neither attitude nor position: what the filter cannot observe does not enter it.
+    neither attitude nor position, so the unobservable directions do not enter it.
 
-    ``rotation`` is R_WI, ``position`` the origin of the IMU in W [m], ``covariance`` of the filter's error (27, 27),
-    ``variances`` are of a joint position, a joint velocity and one sample of the rate (3,); ``out`` is of x, y, z, the
-    rotation about X, Y, Z of W, and the twist in B, linear then angular (12, 12) [m, rad, m/s, rad/s].
+    ``rotation`` is R_WI, ``position`` the origin of the IMU in W [m], ``covariance`` that of the filter error (27, 27),
+    ``variances`` are of a joint position, a joint velocity and a gyro sample (3,). ``out`` is of x, y, z, the rotation
+    about X, Y, Z of W, and the twist in B, linear then angular (12, 12) [m, rad, m/s, rad/s].
 
     Assumptions:
-        The errors of joints and rate sample are independent of xi, and an error of a joint position, times the speed
-        of the robot, is too small to count in the twist (0.3 mrad at 1 m/s: 0.3 mm/s).
+        The errors of joints and gyro sample are independent of xi. The effect of joint position errors on the twist is
+        negligible (0.3 mrad at 1 m/s: 0.3 mm/s).
     """
     imu_rotation, imu_position, imu_jacobian = imu.rotation, imu.position, imu.jacobian
     base = rotation @ imu_rotation.T  # R_WB
@@ -264,13 +264,13 @@ def base_covariance(
         for j in range(12):
             block[i, j] = covariance[columns[i], columns[j]]
     for i in range(9, 12):
-        block[i, i] += variances[2]  # n_g enters the twist as -xi_bg does, and nothing else
+        block[i, i] += variances[2]  # n_g enters only the twist, like -xi_bg
     out[:] = 0.0
     _add_product(jacobian, block, out)
 
     count = imu_jacobian.shape[1]
     if count > 0:
-        moved = np.zeros((12, 2 * count))  # by the positions of the joints, then by their velocities
+        moved = np.zeros((12, 2 * count))  # columns: joint positions, then joint velocities
         linear, angular = imu_jacobian[:3].copy(), imu_jacobian[3:].copy()
         moved[6:9, count:] = imu_rotation @ linear + turned @ angular
         moved[9:, count:] = imu_rotation @ angular

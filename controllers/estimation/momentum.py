@@ -14,10 +14,10 @@ Array = NDArray[np.float64]
 
 
 class Momentum(NamedTuple):
-    """Momentum of one state, world-aligned, positions relative to the origin of the base."""
+    """Momentum of one state in world-aligned axes; positions are relative to the origin of the base."""
 
     origins: Array  # of each body (nj + 1, 3) [m]
-    axes: Array  # of each joint, by body; that of the base is unused (nj + 1, 3)
+    axes: Array  # of each joint, by body; the row of the base is unused (nj + 1, 3)
     linear: Array  # of the whole robot (3,) [N.s]
     joint_momentum: Array  # p = M v of the joints (nj,) [N.m.s]
     joint_rate: Array  # joint rows of C' v - g (nj,) [N.m]
@@ -40,7 +40,7 @@ class Dynamics(NamedTuple):
 
 
 def read_dynamics(model: RobotModel, gravity: float) -> Dynamics:
-    """Parameters of a robot for ``generalised_momentum``; RobotModelError names a joint that is not revolute."""
+    """Parameters of a robot for ``generalised_momentum``; ``RobotModelError`` names a joint that is not revolute."""
     soles = read_frames(model.pin, [foot.frame_id for foot in model.feet])
     armature, damping, friction = (np.array(values) for values in (model.armature, model.damping, model.frictionloss))
     return Dynamics(read_tree(model.pin), soles, armature, damping, friction, gravity)
@@ -55,15 +55,15 @@ def _cross(a: Array, b: Array, out: Array) -> None:
 
 @njit(cache=True)
 def generalised_momentum(q: Array, v: Array, robot: Dynamics) -> Momentum:
-    """Momentum of every subtree, and from it p = M v and the part of p' that is not a joint torque.
+    """Generalised momentum p = M v, and the part of p' without joint torques, from the momentum of every subtree.
 
-    With S_n the motion subspace of joint n, V_n the spatial velocity of its body, h_n the momentum of the subtree that
-    it moves and G_n the weight of that::
+    S_n is the motion subspace of joint n and V_n the spatial velocity of its body. h_n is the momentum and G_n the
+    weight of the subtree that the joint moves::
 
         p_n = S_n . h_n + I_n dq_n,      p_n' = S_n . (transmitted force) + (V_n x S_n) . h_n + S_n . G_n
 
-    so ``joint_rate`` = (V_n x S_n) . h_n + S_n . G_n is row n of C' v - g, without the Coriolis matrix. q is (nq,), v
-    is (nv,) with the base twist in B first.
+    Hence ``joint_rate`` = (V_n x S_n) . h_n + S_n . G_n is row n of C' v - g, without the Coriolis matrix. q is (nq,),
+    v is (nv,) with the base twist in B first.
     """
     tree, gravity = robot.tree, robot.gravity
     count = tree.shape[0] - 1

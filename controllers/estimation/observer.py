@@ -1,4 +1,4 @@
-"""Momentum observer: pushes on the robot, and the sole wrenches that follow from the leg torques."""
+"""Momentum observer: pushes on the robot, and sole wrenches from the leg torques."""
 
 import math
 from typing import NamedTuple
@@ -20,7 +20,7 @@ Index = NDArray[np.int64]
 
 
 class ObserverGains(NamedTuple):
-    """``ObserverConfig`` in SI units, forces in N, rates in 1/s, and the weight."""
+    """``ObserverConfig`` in SI units (forces in N, rates in 1/s), and the weight."""
 
     push_rate: float
     joint_rate: float
@@ -43,14 +43,14 @@ class ObserverState(NamedTuple):
     joints: Array  # external torque on each joint (nj,) [N.m]
     past: Array  # momentum of the last step: linear, then angular about the CoM (6,)
     past_joints: Array  # generalised momentum of the joints in the last step (nj,)
-    feet: Array  # wrench of both soles through both low-passes (6,)
+    feet: Array  # wrench of both soles after both low-passes (6,)
     estimated: Array  # wrench of each sole from the leg torques, in its frame (2, 6)
-    measured: Array  # reading of each foot sensor through the low-pass of the joints, in the sole frames (2, 6)
-    lagged: Array  # ``base`` through the low-pass of the joints (6,)
+    measured: Array  # reading of each foot sensor after the low-pass of the joints, in the sole frames (2, 6)
+    lagged: Array  # ``base`` after the low-pass of the joints (6,)
     push: Array  # (6,)
-    offset: Array  # learnt part of the push (6,)
+    offset: Array  # learned offset of the push (6,)
     impulse: Array  # of the push (3,) [N.s]
-    timer: Array  # time for which the detection has been about to change (1,) [s]
+    timer: Array  # time for which the condition of a change of ``active`` has held (1,) [s]
     active: Array  # 1 while a push is detected, else 0 (1,)
     centroid: Array  # CoM, its velocity, angular momentum about it (3, 3) [m, m/s, N.m.s]
     ground: Array  # height of the lower sole (1,) [m]
@@ -60,29 +60,29 @@ class Observer(NamedTuple):
     """Constants and state of ``ForceObserver``."""
 
     gains: ObserverGains
-    legs: Index  # joints of each leg, filled up with -1 (2, k)
+    legs: Index  # joints of each leg, padded with -1 (2, k)
     robot: Dynamics
     state: ObserverState
 
 
 class ForceObserver:
-    """Residual of the generalised momentum, for all rows.
+    """Momentum observer: residual of the generalised momentum, for all rows.
 
-    With p = M v and the joint torques less friction, each row is a low-pass of the external torque on it::
+    With p = M v and tau the joint torques minus friction, each row is a low-pass of the external torque on it::
 
         r' = K (p' - (C' v - g + tau) - r)
 
-    evaluated as a difference of momenta, so no acceleration is needed. The six rows of the base are taken about
-    the CoM in W, where C' v - g is the weight alone. The rows of a leg are due to the sole it ends in: its wrench
-    F = (J_leg')^+ r_leg, by damped least squares. The rest of the base's rows is the push::
+    p' is a difference of momenta, so no acceleration is needed. The six base rows are taken about the CoM in W, where
+    C' v - g is the weight alone. The rows of a leg give the wrench of its sole, F = (J_leg')^+ r_leg, by damped least
+    squares. The remainder of the base rows is the push::
 
         push = r_base - (wrenches of the soles at the CoM) - (learnt offset)
 
-    All of it passes both low-passes, that of the joints and that of the push, or walking would look like a push.
+    All terms pass both low-passes, of the joints and of the push; otherwise walking would look like a push.
 
     ``base`` is the net external wrench without gravity, feet included, about the CoM in W (6,), ``joints`` the external
-    torques (nj,), ``estimated`` and ``measured`` are the wrenches of the soles from leg torques and sensors, in their
-    frames (2, 6).
+    torques (nj,). ``estimated`` and ``measured`` are the wrenches of the soles from leg torques and sensors, in the
+    sole frames (2, 6).
 
     References:
         A. De Luca, A. Albu-Schaeffer, S. Haddadin, G. Hirzinger: Collision detection and safe reaction with the
@@ -119,7 +119,7 @@ class ForceObserver:
         self.memory = Observer(self._gains, legs, self._robot, self.state)
 
     def reset(self, q: Vector, v: Vector, tau: Vector, measured: Matrix, fault: Vector) -> None:
-        """Start in a steady state: forces in balance, no push in memory; arguments as for ``update``."""
+        """Reset to a steady state: forces in balance, no push; arguments as for ``update``."""
         for array in self.state:
             array[...] = 0.0
         self.update(q, v, tau, measured, fault, 0.0)
@@ -127,7 +127,7 @@ class ForceObserver:
     def update(self, q: Vector, v: Vector, tau: Vector, measured: Matrix, fault: Vector, dt: float) -> None:
         """Advance by ``dt`` [s], 0 to start in a steady state, with q (nq,), v (nv,), tau (nj,).
 
-        ``measured`` are readings in the sole frames (2, 6), replaced by the leg torques where ``fault`` is not 0.
+        ``measured`` are readings in the sole frames (2, 6); leg torques replace them where ``fault`` is nonzero (2,).
         """
         observe(q, v, tau, measured, fault, False, dt, self.memory)
 
@@ -141,12 +141,12 @@ class ForceObserver:
 
     @property
     def centroidal(self) -> CentroidalState:
-        """CoM, DCM, ZMP and momentum of the last state, read off the observer's sweep."""
+        """CoM, DCM, ZMP and momentum of the last state, from the last step of the observer."""
         feet, gravity = self.state.feet, self._robot.gravity
         com, com_velocity, angular_momentum = self.state.centroid.copy()
         height = max(float(com[2] - self.state.ground[0]), COM_HEIGHT_MIN)
         dcm = com[:2] + com_velocity[:2] / np.sqrt(gravity / height)
-        # Moment about the CoM and force of the soles; the point on the ground where the horizontal moment vanishes.
+        # ZMP: point on the ground where the horizontal moment of the soles vanishes; ``feet`` is about the CoM.
         load = max(float(feet[2]), 0.05 * self.weight)
         zmp = com[:2] + np.array([-feet[4] - height * feet[0], feet[3] - height * feet[1]]) / load
         return CentroidalState(com=com, com_velocity=com_velocity, angular_momentum=angular_momentum, dcm=dcm, zmp=zmp)
@@ -156,9 +156,9 @@ class ForceObserver:
 def _leg_wrench(
     torques: Array, columns: Index, momentum: Momentum, foot: int, damping: float, arm: float, out: Array
 ) -> None:
-    """Wrench in the sole frame whose torques in one leg come closest to those observed: damped least squares.
+    """Wrench in the sole frame from the external torques of one leg, by damped least squares.
 
-    With x = (f, m / arm) in W and the rows of J scaled alike, (J J' + damping^2 I) x = J torques, by Cholesky.
+    With x = (f, m / arm) in W and the rows of J scaled accordingly, (J J' + damping^2 I) x = J torques, by Cholesky.
     """
     axes, origins, sole = momentum.axes, momentum.origins, momentum.sole_positions[foot]
     rotation = momentum.sole_rotations[foot]
@@ -192,11 +192,11 @@ def _leg_wrench(
 
 @njit(cache=True)
 def _detect_push(dt: float, doubtful: bool, gains: ObserverGains, state: ObserverState) -> None:
-    """Offset, detection with hysteresis and impulse of the push.
+    """Learns the offset, detects the push with hysteresis, and integrates its impulse.
 
-    Offsets of the foot sensors and errors of the masses look like a push that never ends: a residual within the
-    dead-band is learnt as an offset, at most as large as the dead-band, and subtracted. The error of a foot sensor in
-    doubt looks like a push, so none begins then.
+    Offsets of the foot sensors and mass errors look like a permanent push. A residual within the dead-band is therefore
+    learned as an offset, bounded by the dead-band, and subtracted. The error of a foot sensor in doubt looks like a
+    push, so no push begins while ``doubtful``.
     """
     push, offset, impulse, timer = state.push, state.offset, state.impulse, state.timer
     for i in range(6):
@@ -260,7 +260,7 @@ def observe(
         _leg_wrench(joints, legs[foot], momentum, foot, gains.damping, gains.moment_arm, state.estimated[foot])
         for i in range(6):
             state.measured[foot, i] += (1.0 if start else joint_gain) * (measured[foot, i] - state.measured[foot, i])
-        # Either kind of wrench has been through the joints' low-pass: the base's rows must be too.
+        # Both kinds of wrench have passed the low-pass of the joints: the base rows must pass it, too.
         wrench = state.measured[foot] if fault[foot] == 0.0 else state.estimated[foot]
         rotate(momentum.sole_rotations[foot], wrench[0:3], thrust)
         rotate(momentum.sole_rotations[foot], wrench[3:6], torque)

@@ -1,4 +1,4 @@
-"""Complementary filter: orientation of an IMU from its gyro and accelerometer alone."""
+"""Complementary filter: orientation of an IMU from its gyro and accelerometer."""
 
 import math
 from typing import Annotated
@@ -19,11 +19,11 @@ class OrientationFilterConfig:
     """Schema of ``controllers/config/orientation_filter.yaml``."""
 
     kp: Positive  #: rate at which the tilt follows the accelerometer [1/s]
-    ki: NonNegative  #: rate at which the bias follows the tilt's error [1/s^2]
+    ki: NonNegative  #: rate at which the bias follows the tilt error [1/s^2]
     #: deviation of |specific force| / gravity from 1 at which the accelerometer is not used [-]
     accel_band: Annotated[float, Field(gt=0.0, le=1.0)]
-    bias_max: Positive  #: largest gyro bias, each axis [rad/s]
-    rest_gyro: Positive  #: angular rate less bias below which the unit is at rest [rad/s]
+    bias_max: Positive  #: largest gyro bias on each axis [rad/s]
+    rest_gyro: Positive  #: unbiased angular rate below which the IMU is at rest [rad/s]
     rest_accel: Annotated[float, Field(gt=0.0, lt=1.0)]  #: deviation of |specific force| / gravity from 1 at rest [-]
     rest_time: NonNegative  #: time at rest after which the bias follows the rate [s]
     rest_time_constant: Positive  #: time constant of the bias estimate at rest [s]
@@ -36,10 +36,10 @@ class OrientationFilter:
         \dot R = R [\omega - b + \alpha k_p e]_\times, \quad \dot b = -\alpha k_i e, \quad
         e = \frac{a}{|a|} \times R^\top z, \quad \alpha = \max(0, 1 - ||a| / g - 1| / \text{accel\_band})
 
-    with omega the measured rate (3,) [rad/s], a the specific force (3,) [m/s^2], both in the frame of the unit, R its
-    orientation in a level frame (3, 3), b the bias (3,) [rad/s] and z up. e has no part along the vertical, so yaw is
-    the integral of the rate. After ``rest_time`` at rest, b also follows omega with ``rest_time_constant``, about the
-    vertical too, so that yaw does not drift. b stays within ``bias_max``.
+    omega is the measured rate (3,) [rad/s] and a the specific force (3,) [m/s^2], both in the IMU frame. R is the
+    orientation of the IMU in a level frame (3, 3), b the bias (3,) [rad/s], and z points up. e has no vertical
+    component, so yaw is the integral of the rate. After ``rest_time`` at rest, b also follows omega with
+    ``rest_time_constant``, about the vertical too, so that yaw does not drift. b is limited to ``bias_max``.
 
     Assumptions:
         Forces average to gravity over 1 / kp. A steady turn slower than ``rest_gyro`` looks like a bias.
@@ -51,13 +51,13 @@ class OrientationFilter:
 
     def __init__(self, config: OrientationFilterConfig | None = None) -> None:
         self.config = config or default_config(OrientationFilterConfig, "controllers", "orientation_filter")
-        self._quiet = 0.0  # time since the unit last moved [s]
+        self._quiet = 0.0  # time since the IMU last moved [s]
         self._orientation = pin.Quaternion.Identity()
         self.bias: Vector = np.zeros(3)
 
     @property
     def resting(self) -> bool:
-        """Whether the unit is at rest, so that the bias follows the rate."""
+        """Whether the IMU is at rest, so that the bias follows the rate."""
         return self._quiet > self.config.rest_time
 
     @property
@@ -71,9 +71,9 @@ class OrientationFilter:
         return np.array(self._orientation.coeffs())
 
     def reset(self, gyro: Vector, accel: Vector, yaw: float = 0.0) -> None:
-        """Start at rest with a yaw [rad]; ``MessageError`` names the value that shows that the unit is not at rest.
+        """Start at rest with a yaw [rad]; ``MessageError`` names the value that contradicts rest.
 
-        The mean angular rate (3,) [rad/s] is the first bias, the mean specific force (3,) [m/s^2] the vertical.
+        The mean angular rate (3,) [rad/s] is the initial bias; the mean specific force (3,) [m/s^2] gives the vertical.
         """
         rate, share = float(np.abs(gyro).max()), float(np.linalg.norm(accel)) / GRAVITY
         if not rate <= self.config.bias_max:

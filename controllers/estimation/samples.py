@@ -17,10 +17,10 @@ from models.types import SensorData
 
 Array = NDArray[np.float64]
 
-#: Bits of ``SensorBuffer.accept``: which part of a sample is not finite
+#: Bits of ``SensorBuffer.accept``: parts of a sample that are not finite, or a rate at full scale
 BAD_JOINTS, BAD_TORQUES, BAD_IMU, BAD_FEET = 1, 2, 4, 8
 STALE = 16  #: Bit of ``SensorBuffer.accept``: the sample is not newer than the last one, or its stamp jumps ahead
-#: Bits of ``SensorBuffer.accept``: an axis is at full scale; taken over, and to be trusted less
+#: Bits of ``SensorBuffer.accept``: an axis is at full scale; forces and wrenches are used, with less weight
 SATURATED_IMU, SATURATED_FEET = 32, 64
 
 
@@ -29,23 +29,23 @@ class EstimatorHealth:
     """Events of the estimator since ``reset``; counters only grow."""
 
     steps: int = 0  # calls of ``step``
-    stale: int = 0  # stamps not newer than the last one or jumped ahead, or steps that were not positive
-    invalid_joints: int = 0  # samples with a non-finite joint position or velocity; kinematics left out
-    invalid_torques: int = 0  # samples with a non-finite joint torque; the last good ones were passed on
-    invalid_imu: int = 0  # samples with a non-finite rate or specific force; the last good one was held
-    invalid_feet: int = 0  # samples with a non-finite wrench; the last one was held, then the leg torques
-    saturated_imu: int = 0  # samples with a rate at full scale, refused, or a force, taken with more noise
+    stale: int = 0  # samples with a stamp that is not newer or jumps ahead, or steps that are not positive
+    invalid_joints: int = 0  # samples with a non-finite joint position or velocity; kinematics are skipped
+    invalid_torques: int = 0  # samples with a non-finite joint torque; the last good ones are used
+    invalid_imu: int = 0  # samples with a non-finite rate or specific force; the last good one is held
+    invalid_feet: int = 0  # samples with a non-finite wrench; the last one is held, then leg torques are used
+    saturated_imu: int = 0  # samples with a rate (refused) or a force (used with more noise) at full scale
     saturated_feet: int = 0  # samples with a wrench at full scale; its centre of pressure has less weight
-    rejected: int = 0  # updates whose innovation was not finite or not positive definite
+    rejected: int = 0  # updates whose innovation is not finite or not positive definite
     gated: int = 0  # sole measurements with less weight after a contradiction (slip, bad sensor)
     slips: tuple[int, int] = (0, 0)  # of the left and the right foot
-    sensor_faults: tuple[int, int] = (0, 0)  # failures of the left and the right foot's sensor
+    sensor_faults: tuple[int, int] = (0, 0)  # faults of the left and the right foot sensor
     foot_sensors: tuple[FootSensorState, FootSensorState] = (FootSensorState.SOUND, FootSensorState.SOUND)
     friction: float = math.nan  # coefficient of the ground, estimated; NaN before the first step [-]
     coasting: float = 0.0  # time without IMU or joints [s]; 0 when sound
 
     def count(self, missing: int, dt: float) -> None:
-        """Count the parts that ``SensorBuffer.accept`` refused in a step [s]."""
+        """Count the unusable parts that ``SensorBuffer.accept`` found in a step of ``dt`` [s]."""
         self.stale += (missing & STALE) > 0
         self.invalid_joints += (missing & BAD_JOINTS) > 0
         self.invalid_torques += (missing & BAD_TORQUES) > 0
@@ -59,7 +59,7 @@ class EstimatorHealth:
 class SampleMemory(NamedTuple):
     """Arrays of ``SensorBuffer``."""
 
-    scales: Array  # least saturated rate, specific force, sole force and sole torque (4,)
+    scales: Array  # saturation thresholds of rate, specific force, sole force and sole torque (4,)
     new_joints: Array  # of the newest sample (3, nj)
     new_imu: Array  # (2, 3)
     new_wrenches: Array  # (2, 6)
@@ -71,7 +71,7 @@ class SampleMemory(NamedTuple):
 
 
 class SensorBuffer:
-    """The last good value of all measurements; after a ``gap`` [s] of stamps the next must continue from there."""
+    """Last good values of all measurements; a stamp jump above ``gap`` [s] is refused unless the next continues it."""
 
     def __init__(self, nj: int, sensors: Sensors, saturation: float, gap: float) -> None:
         imu, feet = sensors.imu, sensors.feet
@@ -83,14 +83,14 @@ class SensorBuffer:
         self.joints = np.zeros((3, nj))  #: Positions, velocities, torques [rad, rad/s, N.m]
         self.imu = np.zeros((2, 3))  #: Rate, specific force [rad/s, m/s^2]
         self.previous_rate = np.zeros(3)  #: Rate one step earlier [rad/s]
-        self.wrenches = np.zeros((2, 6))  #: Of each foot [N, N.m]
+        self.wrenches = np.zeros((2, 6))  #: Wrench of each foot [N, N.m]
         new = np.zeros((3, nj)), np.zeros((2, 3)), np.zeros((2, 6))
         good = self.joints, self.imu, self.previous_rate, self.wrenches, self.feet
         self.memory = SampleMemory(self._scales, *new, *good)
         self._unboxed, self._new = unbox(self.memory), (*new[0], *new[1], new[2])
 
     def reset(self, sensors: SensorData) -> None:
-        """Start from one sample, wrenches optional; ``MessageError`` names a value that is unusable."""
+        """Start from one sample, wrenches optional; ``MessageError`` names an unusable value."""
         nj = self.joints.shape[1]
         shapes = {"q": (nj,), "v": (nj,), "tau": (nj,), "gyro": (3,), "accel": (3,), "wrenches": (2, 6)}
         for name, shape in shapes.items():
@@ -107,7 +107,7 @@ class SensorBuffer:
         self.previous_rate[:] = self.imu[0]
 
     def accept(self, sensors: SensorData) -> int:
-        """Copy the usable parts of a sample; returns the bits ``BAD_*`` of the others, or ``STALE``."""
+        """Copy the usable parts of a sample; returns the bits ``BAD_*`` and ``SATURATED_*``, or ``STALE``."""
         if not self._goes_on(sensors.t):
             return STALE
         self.t = sensors.t
@@ -118,7 +118,7 @@ class SensorBuffer:
         return missing
 
     def _goes_on(self, t: float) -> bool:
-        """Whether a stamp [s] is newer than the last one, and near it or continues a jump."""
+        """Whether a stamp [s] is newer than the last one, and close to it or the continuation of a jump."""
         return self.t < t < math.inf and (self.t == -math.inf or self._jumps.accepts(self.t, t))
 
 
@@ -155,7 +155,7 @@ def _accept(samples: Unboxed[SampleMemory]) -> int:
     if not np.isfinite(new_imu).all():
         bad += BAD_IMU
     elif _saturated(new_imu[0], scales[0]):
-        bad += BAD_IMU + SATURATED_IMU  # an angle that is off by any amount
+        bad += BAD_IMU + SATURATED_IMU  # the error of the angle has no bound
     else:
         imu[:] = new_imu
         if _saturated(imu[1], scales[1]):

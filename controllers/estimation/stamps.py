@@ -1,4 +1,4 @@
-"""Stamps that are refused, as they repeat, go back or jump ahead alone, and those with which a period begins."""
+"""Checks of stamps (repeated, backward and single jumps ahead), and division of stamps into periods."""
 
 import math
 
@@ -6,14 +6,14 @@ from models.errors import MessageError
 
 
 class JumpFilter:
-    """Accepts a jump ahead of a stamp, beyond ``step_max``, when the next stamp continues from it: a gap, no error."""
+    """Refuses a stamp that jumps ahead by more than ``step_max`` unless the next one continues from it (a gap)."""
 
     def __init__(self, step_max: float) -> None:
         self._step_max = step_max
         self._pending: float | None = None
 
     def accepts(self, last: float, stamp: float) -> bool:
-        """Whether a stamp follows the last accepted one; it is not before that one."""
+        """Whether a stamp follows the last accepted one; ``stamp`` must not be before ``last``."""
         pending, self._pending = self._pending, None
         if stamp - last <= self._step_max or (pending is not None and 0.0 < stamp - pending <= self._step_max):
             return True
@@ -29,7 +29,7 @@ class StampFilter:
         self.last: int | None = None
 
     def step(self, stamp: int) -> int:
-        """Time since the last stamp [ns], 0 for the first; ``MessageError`` if it is not newer or jumps ahead."""
+        """Accept a stamp; returns the time since the last one [ns], 0 for the first. ``MessageError`` if refused."""
         last = stamp if self.last is None else self.last
         if self.last is not None:
             if stamp <= last:
@@ -44,10 +44,10 @@ class StampFilter:
 class ClockFilter:
     """Refuses implausible times of the plant's clock: a single jump ahead, and any step back while the robot moves.
 
-    Ages and timeouts of commands are counted on this clock. If it were set ahead for a moment, the velocity of a
-    source that then falls silent would hold for just as long. A jump from which the next time continues is accepted:
-    then messages were missing. A clock that has gone back is refused until the robot is at rest; its users receive no
-    time until then, and the robot damps. ``step_max`` is the largest step ahead that is accepted at once [ns].
+    Ages and timeouts of commands are measured on this clock. After a momentary jump ahead, the velocity of a source
+    that then falls silent would hold for as long. A jump is accepted if the next time continues from it: then messages
+    were lost. A clock that has gone back is refused until the robot is at rest; until then its users receive no time,
+    and the robot damps. ``step_max`` is the largest step ahead that is accepted at once [ns].
     """
 
     def __init__(self, step_max: int) -> None:
@@ -55,7 +55,7 @@ class ClockFilter:
         self._last: int | None = None
 
     def check(self, stamp: int, *, moving: bool) -> None:
-        """Accept a time [ns], any while the robot does not move (its plant may be new); ``MessageError`` else."""
+        """Accept a time [ns] or raise ``MessageError``; a robot at rest accepts any (its plant may be new)."""
         if moving and self._last is not None:
             if stamp < self._last:
                 raise MessageError(f"clock: {1e-9 * stamp:.3f} s is before {1e-9 * self._last:.3f} s")
@@ -65,9 +65,9 @@ class ClockFilter:
 
 
 class Due:
-    """Divides stamps into periods of ``period`` [ns] (0: every stamp) and reports when a new one has begun.
+    """Divides stamps into periods of ``period`` [ns] (0: every stamp) and reports the start of a new one.
 
-    ``phase`` shifts the beginning by a share of the period, so that topics of the same rate share no tick.
+    ``phase`` shifts the start by a share of the period, so that topics of the same rate use different ticks.
     """
 
     def __init__(self, period: int, phase: float = 0.0) -> None:
