@@ -1,4 +1,4 @@
-"""Node ``balance_controller``: state in, one joint command for each state out while the mode lets the robot move."""
+"""Node ``balance_controller``: publishes one joint command per state while the mode lets the robot move."""
 
 from typing import Any
 
@@ -36,15 +36,15 @@ from models.nodes.realtime import TickTimer
 from models.nodes.spin import program
 from models.types import ControlResult, Mode, RobotState, SolveStatus
 
-FORCE = "force_deactivate"  #: Parameter that allows a deactivation while the robot stands
-OVERRUNS_REPORTED = 10  #: Consecutive ticks over their budget after which diagnostics are published at once
+FORCE = "force_deactivate"  #: Parameter that allows deactivation while the robot stands
+OVERRUNS_REPORTED = 10  #: Consecutive ticks over budget after which diagnostics are published at once
 
 
 class BalanceControllerNode(PoiseNode):
-    """Runs the whole-body laws of a control stack once for each state.
+    """Runs the whole-body laws of a control stack once per state.
 
-    ``stack`` is shared with the estimator of this process, which calls ``on_state``, and with the gait planner. When it
-    is None the state comes from topics, and so do the commands of the gait, which this node then builds.
+    ``stack`` is shared with the gait planner and with the estimator of this process, which calls ``on_state``. When
+    None, states and gait commands come from topics, and this node builds the gait.
     """
 
     def __init__(self, stack: ControlStack | None = None, **kwargs: Any) -> None:
@@ -78,7 +78,7 @@ class BalanceControllerNode(PoiseNode):
         self._black_box = BlackBoxKeeper(self, self._stack)
 
     def _configured(self) -> tuple[BalanceConfig, WholeBodyConfig]:
-        """Those of the robot; of any robot when it cannot be loaded, which ``configure`` reports."""
+        """Parameters of the robot, or the defaults if it cannot be loaded, which ``configure`` reports."""
         try:
             return load_balance_config(self.model), load_whole_body_config(self.model)
         except PoiseError:
@@ -90,7 +90,7 @@ class BalanceControllerNode(PoiseNode):
             self._gait.configure()
         config = StackConfig(balance=self._balance, whole_body=self._whole_body, head=self._head_config)
         self._stack.build_law(self.model, config, period=self._period)
-        if (tuning := self._stack.tuning) is not None:  # of a new law, which does not run yet
+        if (tuning := self._stack.tuning) is not None:  # the new law does not run yet: gains change at once
             for name in TUNABLE:
                 tuning.set(name, float(self.get_parameter(name).value))
             tuning.finish()
@@ -112,7 +112,7 @@ class BalanceControllerNode(PoiseNode):
         self._result = None
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle transition; refused while the robot stands on this node, unless forced."""
+        """Lifecycle transition; refused in active modes, where the robot would fall, unless forced."""
         if self._mode in ACTIVE_MODES and not self.get_parameter(FORCE).value:
             self.refuse(
                 "deactivate",
@@ -127,7 +127,7 @@ class BalanceControllerNode(PoiseNode):
         self._black_box.flush()
 
     def on_state(self, state: RobotState, stamp: int) -> None:
-        """Compute and publish the command of one state; it has the state's stamp [ns]."""
+        """Compute and publish the joint command of one state, with the stamp of the state [ns]."""
         stack = self._stack
         stack.set_state(state)
         if not self.active or self._mode not in ACTIVE_MODES:
@@ -136,7 +136,7 @@ class BalanceControllerNode(PoiseNode):
             self._keep(stamp)
             return
         if self._waits and not self._reset and stamp == self._last_stamp:
-            self._command.publish(self._last_command)  # the plant asks again: the answer was lost
+            self._command.publish(self._last_command)  # the plant repeats its sample: the command was lost
             return
         if not self._reset and stamp <= self._last_stamp:
             self.refuse(topics.ODOM, f"header.stamp: {stamp} ns is not after {self._last_stamp} ns")
@@ -151,7 +151,7 @@ class BalanceControllerNode(PoiseNode):
             result = stack.control(dt)
         assert result is not None  # the mode is an active one
         self._last_command = self._codec.encode(stamp, result.command)
-        # No setpoint is damping: without one the drivers damp.
+        # Without a setpoint the drivers damp, so a damped result is not published.
         if self._waits or result.status is not SolveStatus.DAMPED:
             self._command.publish(self._last_command)
         self._after(state, result, stamp)
@@ -160,13 +160,13 @@ class BalanceControllerNode(PoiseNode):
             self._judge_time()
 
     def _keep(self, stamp: int) -> None:
-        """Record the tick in the black box and report the gait, once the command is out."""
+        """Record the tick in the black box and report the gait, after the command is published."""
         self._black_box.add(self._stack.raw if self._gait is None else None, self._mode, stamp)
         if self._gait is not None:
             self._gait.update(stamp)
 
     def _after(self, state: RobotState, result: ControlResult, stamp: int) -> None:
-        """Publish what need not precede the command: posture, motion state, alarms."""
+        """Publish posture, motion state and alarms, which may follow the command."""
         worse = self._result is not None and result.status is not self._result.status
         if self._stack.joint_fault != self._joint_fault:
             self._joint_fault = self._stack.joint_fault
@@ -218,7 +218,7 @@ class BalanceControllerNode(PoiseNode):
             self.activate()
 
     def _bound_gains(self) -> None:
-        """Gains may change while the robot stands, by ``FACTOR``: rclpy refuses other values, naming both."""
+        """Bound live gains to within ``FACTOR`` of the configured values; rclpy refuses others, naming both bounds."""
         for name in TUNABLE:
             value, descriptor = configured(name, self._balance, self._whole_body), self.describe_parameter(name)
             descriptor.floating_point_range = [FloatingPointRange(from_value=value / FACTOR, to_value=value * FACTOR)]
@@ -229,12 +229,12 @@ class BalanceControllerNode(PoiseNode):
         for parameter in parameters:
             if tuning is not None and parameter.name in TUNABLE:
                 low, high = tuning.ranges[parameter.name]
-                value = min(max(float(parameter.value), low), high)  # rclpy is lenient by a millionth
+                value = min(max(float(parameter.value), low), high)  # rclpy tolerates an excess of a millionth
                 self._stack.set_gain(parameter.name, value)
                 self.get_logger().info(f"{parameter.name}: {value:g}")
 
 
-main = program(BalanceControllerNode)  #: The state comes from topics
+main = program(BalanceControllerNode)  #: Separate process: the state comes from topics
 
 
 if __name__ == "__main__":

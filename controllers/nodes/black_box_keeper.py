@@ -1,4 +1,4 @@
-"""Black box of the control process: filled after each command, written by a thread once the robot is damped."""
+"""Black box of the control process: filled after each command, written by a thread after the robot is damped."""
 
 import threading
 import time
@@ -22,12 +22,12 @@ from models.types import Mode, SensorData
 
 
 class BlackBoxKeeper:
-    """Fills the ring, and has it written each time the robot leaves the active modes for damp.
+    """Fills the ring buffer, and writes it to a file when the mode changes from an active one to damp.
 
-    Mode off follows an active one only in a reset, which is deliberate. The faults in the reason come from the
-    supervisor's status, which is received only until the file is written because it costs tick time. The file is also
-    written when the drivers damp by themselves, with or without a supervisor.
-    Failures are counted and reported in the diagnostics. A file can be replayed when ``stack`` logs its inputs.
+    Mode off follows an active mode only in a deliberate reset, without a file. The file is also written when the
+    drivers damp by themselves, with or without a supervisor. The reason in the file includes the faults of the
+    supervisor's status, which is received only until the file is written because it costs tick time. Failures are
+    counted and reported in the diagnostics. A file can be replayed if ``stack`` logs its inputs.
     """
 
     def __init__(self, node: PoiseNode, stack: ControlStack) -> None:
@@ -45,15 +45,15 @@ class BlackBoxKeeper:
         self._outcome: tuple[bool, str] | None = None
 
     def configure(self) -> None:
-        """Create the ring and subscribe to the drivers' state."""
+        """Create the ring buffer and subscribe to the state of the drivers."""
         self._box = BlackBox(self._node.model, self._config, self._stack)
         self._armed, self._due = False, None
         self._node.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
 
     def add(self, sensors: SensorData | None, mode: Mode, stamp: int) -> None:
-        """Record a tick (stamp [ns]) once its command is out, and copy the state of the stack when due.
+        """Record a tick with its stamp [ns] after the command, and copy the state of the stack when due.
 
-        ``sensors`` are the samples as measured; None when the estimator runs in another process.
+        ``sensors`` are the raw samples; None when the estimator runs in another process.
         """
         box, stack = self._box, self._stack
         if box is None:
@@ -85,7 +85,7 @@ class BlackBoxKeeper:
             self._box.event(self._t, text)
 
     def _request_file(self, reason: str) -> None:
-        """Have the ring written once it holds the time ``after``, once per period in an active mode."""
+        """Schedule the file for the time ``after`` from now, once per period in active modes."""
         if self._armed:
             self._armed, self._reason, self._faults = False, reason, ""
             self._unsubscribe()
@@ -113,7 +113,7 @@ class BlackBoxKeeper:
             self._begin()
 
     def flush(self) -> None:
-        """Write what is due and wait for it, before the node stops."""
+        """Write a due file and wait for it, before the node stops."""
         if self._due is not None and self._thread is None:
             self._begin()
         if self._thread is not None:
@@ -131,9 +131,9 @@ class BlackBoxKeeper:
         self._thread.start()
 
     def _write(self, box: BlackBox, reason: str) -> None:
-        """Body of the thread: of the node it touches only the outcome."""
+        """Body of the thread; it writes only the outcome to this object."""
         try:
-            realtime.be_ordinary()  # this thread only: a disk has no deadline
+            realtime.be_ordinary()  # no real-time priority for this thread: a disk has no deadline
             name = ".".join([self._node.model.name, *filter(None, self._node.get_namespace().split("/"))])
             folder = BlackBoxFolder(name, self._config.folder, self._config.keep)
             self._outcome = True, str(folder.save(box.record(reason)))

@@ -1,4 +1,4 @@
-"""Calibration in the estimator's node: services, motions, samples, and a solver in a separate process."""
+"""Calibration in the estimator node: services, motions, samples, and a solver in a separate process."""
 
 import contextlib
 import os
@@ -46,12 +46,12 @@ FILE_ACTS: dict[str, tuple[Callable[[CalibrationStore], Calibration], str]] = {
 
 
 def trigger_response(reply: CommandReply) -> Any:
-    """std_srvs/Trigger of a reply."""
+    """Response of std_srvs/Trigger."""
     return Trigger.Response(success=reply.accepted, message=reply_to_text(reply))
 
 
 def calibrate_response(reply: CommandReply) -> Any:
-    """poise_interfaces/Calibrate of a reply."""
+    """Response of poise_interfaces/Calibrate."""
     response = interface(PACKAGE, "srv", "Calibrate").Response(success=reply.accepted, message=reply.reason)
     kind = own_message("NamedValue")
     numbers = ((*name_and_unit(text), value) for text, value in reply.details.items())
@@ -60,13 +60,13 @@ def calibrate_response(reply: CommandReply) -> Any:
 
 
 class CalibrationServices:
-    """Corrects IMU and feet; joints are corrected by the drivers, whose encoders all nodes share.
+    """Corrects IMU and feet; the drivers correct the joints, because all nodes use their encoders.
 
     Services (std_srvs/Trigger): ``calibrate/{imu,joints,feet}``, one at a time, ``calibrate/show`` and
     ``calibrate/rollback``; and ``calibrate`` (poise_interfaces/Calibrate), which covers all of them. Motions are
-    requested from the supervisor as text commands and followed on ``motion/status``. Built in the node's ``configure``.
-    ``start_over`` restarts the estimator after the encoder offsets of the drivers change; ``applied`` is the correction
-    in force, None before the first start.
+    requested from the supervisor as text commands and tracked on ``motion/status``. Built in ``configure`` of the node.
+    ``start_over`` restarts the estimator after a change of the encoder offsets in the drivers. ``applied`` is the
+    correction in force, None before the first start.
     """
 
     def __init__(self, node: PoiseNode, start_over: Callable[[], None]) -> None:
@@ -75,7 +75,7 @@ class CalibrationServices:
         self._procedure, self._solver = CalibrationProcedure(node.model), CalibrationSolver(node.robot)
         self.applied: Calibration | None = None
         self._encoder_offsets: Vector | None = None
-        self._what = ""  # that is being calibrated
+        self._what = ""  # part under calibration
         self._owed, self._save_it = Owed(), True
         self._respond: Callable[[CommandReply], Any] = trigger_response
         self._mode = self._driver_state = ""
@@ -96,7 +96,7 @@ class CalibrationServices:
         self.applied = self._file.read().without_joints()
 
     def collect(self, sensors: SensorData) -> None:
-        """Pass a sample, as measured, to the running calibration."""
+        """Pass a sample to the running calibration, with the encoder offsets of the drivers removed."""
         if self._what and self._encoder_offsets is not None:
             self._procedure.add(correct_encoders(sensors, -self._encoder_offsets))
 
@@ -104,7 +104,7 @@ class CalibrationServices:
         return self._begin(what, trigger_response)
 
     def _on_calibrate(self, request: Any, response: Any) -> Any:
-        """All services by name, with numbers that have units; see ``Calibrate.srv``."""
+        """Serve all calibration services by name, with units of the values; see ``Calibrate.srv``."""
         return self._begin(request.what, calibrate_response, save=request.save)
 
     def _begin(self, what: str, respond: Callable[[CommandReply], Any], *, save: bool = True) -> Any:
@@ -129,7 +129,7 @@ class CalibrationServices:
         return respond(reply)
 
     def _file_reply(self, what: str) -> CommandReply:
-        """Reply with the numbers of a file; the next start applies them."""
+        """Reply with the values of a calibration file; the next start applies them."""
         act, where = FILE_ACTS[what]
         try:
             store = self._file.store
@@ -155,7 +155,7 @@ class CalibrationServices:
             base = Calibration.none(self._node.model) if store is None else store.load()[0]
             try:
                 self._solver.start(procedure.job(base))
-            except OSError as error:  # no room, no process: no reason to stop estimating
+            except OSError as error:  # no disk space or no process: the estimator continues
                 self._answer(CommandReply(False, f"calibration given up: the solver does not start: {error.strerror}"))
         outcome = self._solver.poll()
         if outcome is not None:
@@ -181,7 +181,7 @@ class CalibrationServices:
         self._owed.answer(self._respond(reply))
 
     def _on_encoder_offsets(self, data: bytes) -> None:
-        """Store the offsets that the drivers subtract; a jump of positions that they cause is no motion."""
+        """Store the offsets that the drivers subtract; a change restarts the estimator, because positions jump."""
         offsets = self._codec.decode(data)[1]
         before, self._encoder_offsets = self._encoder_offsets, offsets
         if before is not None and not np.array_equal(before, offsets) and self._node.active:
@@ -202,7 +202,7 @@ class CalibrationServices:
 
 
 NICENESS = 10  #: Niceness of the solver: it yields to all other processes
-JOB, OUTCOME = "job", "outcome"  #: Files that the two processes exchange; a pipe would block the one with the tick
+JOB, OUTCOME = "job", "outcome"  #: Files exchanged by the two processes; a pipe would block the control loop
 
 
 class CalibrationSolver:
@@ -214,7 +214,7 @@ class CalibrationSolver:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     def start(self, job: CalibrationJob) -> None:
-        """Begin to solve a calibration; one at a time."""
+        """Start to solve a calibration; ends a previous one."""
         self.close()
         self._folder = tempfile.TemporaryDirectory(prefix="poise_solver_")
         (Path(self._folder.name) / JOB).write_bytes(pickle.dumps((self._robot, job)))
@@ -232,7 +232,7 @@ class CalibrationSolver:
         return outcome
 
     def close(self) -> None:
-        """End the process, also in the middle of a calibration."""
+        """End the process, also during a calibration."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -242,7 +242,7 @@ class CalibrationSolver:
 
 
 def main(folder: Path) -> None:
-    """Body of the process, without the control loop's real-time priority and cores."""
+    """Body of the process, without the real-time priority and the cores of the control loop."""
     die_with_parent()
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -253,7 +253,7 @@ def main(folder: Path) -> None:
         outcome = solve(job, RobotModel.load(robot))
     except PoiseError as error:
         outcome = refuse(str(error), {})
-    except Exception as error:  # reported as an answer: this process has no log
+    except Exception as error:  # reported in the answer: this process has no log
         traceback.print_exc()
         outcome = refuse(f"{type(error).__name__}: {error}", {})
     (folder / OUTCOME).write_bytes(pickle.dumps(outcome))

@@ -1,4 +1,4 @@
-"""Commands and velocities from all sources: arbitration, and the velocity of the gait."""
+"""Commands and velocities of all sources: arbitration, and the velocity of the gait."""
 
 import math
 from collections.abc import Callable
@@ -25,8 +25,8 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.status import RouteState, RouteStatus
 from models.types import STILL, CommandReply, Mode, Velocity
 
-VELOCITY = "velocity "  #: Prefix of a word with a velocity
-STOP = "stop"  #: Command that every source may send, whichever is in command
+VELOCITY = "velocity "  #: Prefix of a text command with a velocity
+STOP = "stop"  #: Command that every source may send at any time
 
 
 def velocity_from_words(text: str) -> Velocity:
@@ -41,16 +41,16 @@ def velocity_from_words(text: str) -> Velocity:
 
 
 class CommandTopics:
-    """Receives commands of every source, passes them to the supervisor's law, and repeats the velocity in force.
+    """Receives commands of all sources, passes them to the supervisor, and repeats the velocity in force.
 
-    Each source has a topic for words and one for velocities; ``humanoid_commands`` (also ``text_command``), ``cmd_vel``
-    and ``cmd_vel_stamped`` are those of the source ``plain``. In mode ``walk`` every ``publish`` repeats the velocity,
-    zero included: without it the gait comes to a standstill. The law decides whether a velocity begins a walk.
+    Each source has a topic for text commands and one for velocities. ``humanoid_commands`` (also ``text_command``),
+    ``cmd_vel`` and ``cmd_vel_stamped`` belong to the source ``plain``. In mode ``walk`` every ``publish`` repeats the
+    velocity, zero included; without it the gait stops. ``law`` decides whether a velocity starts a walk.
 
-    With a key, all words but ``stop`` must be signed (``controllers/commands/command_signature.py``): the signature
-    then determines the source, whatever the topic, and velocities come as the word ``velocity FORWARD LEFT TURN``.
-    ``verifier`` is None for unsigned words; ``obstacles`` limits the velocity, disabled when None; ``reply`` is called
-    with topic and answer.
+    With a key, all text commands but ``stop`` must be signed (``controllers/commands/command_signature.py``). The
+    signature determines the source on any topic, and velocities are sent as the text ``velocity FORWARD LEFT TURN``.
+    ``verifier`` is None for unsigned commands; ``obstacles`` limits the velocity, disabled when None; ``reply`` is
+    called with topic and answer.
     """
 
     def __init__(
@@ -105,11 +105,11 @@ class CommandTopics:
 
     @property
     def obstacle(self) -> str:
-        """How an obstacle limits the walk; empty while none does."""
+        """Limit of the walk by an obstacle; empty if none."""
         return self._obstacle if self._walking else ""
 
     def take(self) -> None:
-        """Act on the velocity or the standstill that a word has requested."""
+        """Apply a velocity or a standstill that a text command has requested."""
         velocity = self._law.take_velocity()
         if velocity is None:
             return
@@ -135,17 +135,17 @@ class CommandTopics:
             self._commander_topic.publish(String(data=commander))
 
     def _now(self) -> float:
-        """Time [s]; when ``/clock`` begins or goes back, with the plant behind it, earlier commands are discarded."""
+        """Time [s]; discards earlier commands when ``/clock`` starts or goes back, as with a new plant."""
         t = self._reports.t
         if t < self._t or not self._t:
             self._arbiter.restart()
-            self._newest = dict.fromkeys(self._newest, t)  # a stream that goes on is not a new one
+            self._newest = dict.fromkeys(self._newest, t)  # a continued stream is not fresh
             self._last_stamp = 0
         self._t = t
         return t
 
     def _allowed(self, t: float) -> Velocity:
-        """The commanded velocity as limited by holds and obstacles; a walk to a goal, held or blocked, is ended."""
+        """Commanded velocity, limited by holds and obstacles; ends a walk to a goal that is held or blocked."""
         velocity = STILL if self._law.still else self._arbiter.velocity(t)
         if self._on_the_way and self._law.still:
             self._end_walk()
@@ -167,7 +167,7 @@ class CommandTopics:
         self._stop.publish(Empty())
 
     def reply(self, source: str, topic: str, text: str) -> CommandReply:
-        """Answer a word that came on a topic or with a service; the reply is logged and acted on."""
+        """Answer a text command from a topic or a service, and pass the reply to the node, which logs it."""
         try:
             reply = self._answer(source, text)
         except PoiseError as error:
@@ -179,7 +179,7 @@ class CommandTopics:
         self.reply(source, topic, message.data)
 
     def _answer(self, source: str, text: str) -> CommandReply:
-        """Answer a word; ``PoiseError`` when its source may not command or its signature is missing or invalid."""
+        """Answer a text command; ``PoiseError`` if its source may not command, or without a valid signature."""
         t = self._reports.t
         if text.strip().lower() != STOP:
             if self._verifier is not None:
@@ -197,7 +197,7 @@ class CommandTopics:
         return reply
 
     def _drive(self, source: str, topic: str, velocity: Velocity) -> None:
-        """Accept a velocity of a source; ``CommandError`` when the robot does not walk at it."""
+        """Accept a velocity of a source; ``CommandError`` if it is refused."""
         t, law, mode = self._now(), self._law, self._law.mode
         walking, moving = mode is Mode.WALK, any(velocity)
         fresh = t - self._newest[source] > self._arbiter.config.sources[source].timeout or not moving
@@ -241,7 +241,7 @@ class CommandTopics:
         self._arbiter.lock(name, message.data, self._reports.t)
 
     def _on_route(self, status: RouteStatus) -> None:
-        """A walk to a goal supersedes the velocity of a command."""
+        """Handle the status of a walk to a goal, which replaces the commanded velocity."""
         running = status.state is RouteState.RUNNING
         self._on_the_way = running or (self._on_the_way and status.state is RouteState.REFUSED)
         if running:
@@ -249,7 +249,7 @@ class CommandTopics:
 
 
 class ScanTopic:
-    """Passes scans to ``law``, none before the first ``/clock``; malformed, old and future ones are refused by name."""
+    """Passes scans to ``law`` after the first ``/clock``; refuses malformed, old and future ones, naming the field."""
 
     def __init__(self, node: PoiseNode, law: ObstacleStop, now: Callable[[], float]) -> None:
         self._law, self._now = law, now

@@ -33,7 +33,7 @@ FRICTION_CHANGE = 0.005  #: Least change of the coefficient that is published [-
 
 @dataclass(frozen=True, slots=True)
 class EstimateRates:
-    """Time between two messages [ns]; 0 for every tick."""
+    """Time between two messages [ns]; 0: every tick."""
 
     odom: int
     imu: int
@@ -78,7 +78,7 @@ class EstimateTopics:
         self._transforms.start(stamp)
 
     def publish(self, state: RobotState, stamp: int, sensors: SensorData) -> None:
-        """Publish what is due of a state, its stamp [ns], and the samples that it was estimated from."""
+        """Publish the topics that are due, from a state, its stamp [ns] and the samples used for the estimate."""
         if self._odom_due(stamp):
             if self._covariance_due(stamp):
                 self._codec.set_covariance(*self._law.odometry_covariance())
@@ -92,7 +92,7 @@ class EstimateTopics:
             self._transforms.publish(state, stamp)
 
     def publish_odometry(self, state: RobotState, stamp: int) -> None:
-        """Publish contacts, friction and odometry; the controller in another process waits for the last."""
+        """Publish contacts, friction and odometry; a controller in another process waits for the odometry."""
         for (topic, codec), contact in zip(self._reactions, state.contacts, strict=False):
             topic.publish(codec.encode(stamp, contact.wrench))
         self._contacts.publish(contacts_to_bytes(state.contacts))
@@ -116,7 +116,7 @@ _MOVING_FRAMES = ((topics.ODOM_FRAME, topics.BASE_FRAME), (topics.BASE_FRAME, to
 
 
 class TransformTopics:
-    """Publishes the moving frames, and once those that sit on links; nothing where ``tf2_msgs`` is not built."""
+    """Publishes the moving frames, and once the frames fixed to links; disabled if ``tf2_msgs`` is not built."""
 
     def __init__(self, node: PoiseNode) -> None:
         self._node = node
@@ -171,9 +171,9 @@ def _set_poses(message: Any, stamp: int, poses: Sequence[Vector]) -> None:
 
 
 def static_frames(model: RobotModel) -> list[tuple[str, str, Any]]:
-    """REP-120 frames that sit on links of the URDF and that ``robot_state_publisher`` lacks.
+    """REP-120 frames fixed to links of the URDF that ``robot_state_publisher`` does not publish.
 
-    The root link is a child of ``base_link``, so that the tree stays one; a frame with the name of a link is left out.
+    The root link is a child of ``base_link``, so that there is one tree. A frame with the name of a link is left out.
     Returns parent, child and pose (7,) of the child in its parent, for each.
     """
     root = model.profile.base_link

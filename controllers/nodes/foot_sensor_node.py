@@ -23,14 +23,14 @@ from models.nodes.qos import SENSOR, STATE
 from models.nodes.spin import program
 from models.robot_model import SOLE_FRAMES
 
-SOUND, NO_SCHEDULE = np.zeros(2), np.full(2, UNKNOWN)  #: For each foot: a valid sample, and no expectation from a gait
+SOUND, NO_SCHEDULE = np.zeros(2), np.full(2, UNKNOWN)  #: For each foot: a valid sample, and no gait schedule
 
 
 class FootSensorNode(PoiseNode):
     """Runs the ``ContactDetector`` of the estimator on the foot sensors alone.
 
-    The state estimator publishes ``contacts``, which also considers the leg torques; this node has separate topics for
-    each foot. For a silent sensor nothing is published.
+    The state estimator publishes ``contacts``, which also uses the leg torques; this node has separate topics for each
+    foot. A silent sensor publishes nothing.
     """
 
     AUTOSTART = True

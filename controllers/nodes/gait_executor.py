@@ -1,4 +1,4 @@
-"""The gait of a controller whose gait planner is in another process."""
+"""Gait of a controller with its gait planner in another process."""
 
 from typing import Any
 
@@ -25,10 +25,10 @@ from planners.nodes.gait_link import (
 
 
 class GaitExecutor:
-    """Builds the gait of a stack, carries out the commands of the planner, and reports the gait to it.
+    """Builds the gait of a stack, executes the commands of the planner, and reports the gait to it.
 
-    While the planner is ``silent``, that is without an answer to reports for ``gait_timeout``, the robot stands, or
-    comes to a standstill. A command is carried out when its number has changed; the first message is never carried out.
+    The planner is ``silent`` when it has not answered reports for ``gait_timeout``; the robot then stands, or comes to
+    a standstill. A command is executed when its number has changed, but never the first message.
     """
 
     def __init__(self, node: PoiseNode, stack: ControlStack) -> None:
@@ -50,7 +50,7 @@ class GaitExecutor:
         self._node.listen(UInt8MultiArray, topics.GAIT_COMMAND, self._on_command, EVENT, while_active=True)
 
     def update(self, stamp: int) -> None:
-        """After each tick, of a stamp [ns]: report a change of phase, or what is due, and check for silence."""
+        """After each tick with its stamp [ns]: report if due or after a change of phase, and check for silence."""
         self._stamp, phase, due = stamp, self._gait.phase, self._due(stamp)
         if due or phase is not self._phase:
             self._phase = phase
@@ -76,7 +76,7 @@ class GaitExecutor:
         self._stack.hold_velocity(*newest.velocity)
 
     def _carry_out(self, newest: GaitCommand) -> None:
-        """Carry out a command; one that is refused ends the walk."""
+        """Execute a command; a refused command ends the walk."""
         self._refusal = ""
         try:
             match newest.command:

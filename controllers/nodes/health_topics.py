@@ -1,4 +1,4 @@
-"""Reports of the other nodes, as the ``Health`` that the supervisor checks."""
+"""Collects the reports of the other nodes into the ``Health`` that the supervisor checks."""
 
 import time
 from pathlib import Path
@@ -30,15 +30,15 @@ from models.status import (
 )
 from models.types import SolveStatus, Vector
 
-#: Before the first report of the controller
+#: Status before the first report of the controller
 NO_CONTROL = ControlStatus(active=False, solve=SolveStatus.OPTIMAL, overruns=0, joint_fault="")
 WATCHED = ("motion_planner",)  #: Nodes without a stamped topic, supervised by their status
 COUNT_PERIOD = 0.2  #: Time between two counts of the sensors' publishers [s]
-SWAY_TIME = 1.0  #: Time constant of the mean velocity of the base: a step to either side [s]
-FAST_DDS = bytes((1, 15))  #: Vendor that begins an endpoint's identity; host and process follow
-PROCESSES, PID_MAX = Path("/proc"), 1 << 22  #: Processes of this machine, and the largest id of one on Linux
-CHECK_MAX = 40_000_000  #: Time between two checks that counts as silence of a topic: two periods [ns]
-REASON_MAX = 200  #: Longest reason that is taken from a report [characters]
+SWAY_TIME = 1.0  #: Time constant of the mean velocity of the base: one step with each foot [s]
+FAST_DDS = bytes((1, 15))  #: Vendor at the start of an endpoint's identity; host and process follow
+PROCESSES, PID_MAX = Path("/proc"), 1 << 22  #: Processes of this machine, and the largest process id on Linux
+CHECK_MAX = 40_000_000  #: Largest time between two checks that counts as silence of a topic: two periods [ns]
+REASON_MAX = 200  #: Longest reason in a report; the rest is cut off [characters]
 
 
 def publisher_name(end: Any, host: bytes) -> str:
@@ -54,7 +54,7 @@ def publisher_name(end: Any, host: bytes) -> str:
 
 
 class HealthTopics:
-    """Newest report of each kind; ages are counted on the stamps, that of ``/clock`` in updates of the node.
+    """Newest report of each kind; ages are measured on stamps, that of ``/clock`` in updates of the node.
 
     Args:
         node: Node that subscribes.
@@ -64,7 +64,7 @@ class HealthTopics:
     def __init__(self, node: PoiseNode, clock_leap: float) -> None:
         self._node, self._odom_codec = node, OdometryCodec()
         self._clock = ClockFilter(round(clock_leap * NANOSECONDS))
-        self.moving = False  #: Whether the robot moves, set by the node; ``/clock`` may not go back then
+        self.moving = False  #: Whether the robot moves, set by the node; ``/clock`` must not go back then
         self.description: str | None = None  #: URDF that the robot publishes; None before it has arrived
         self._clock_silence = 0.0  # counted in updates: a stalled node is not a silent clock [s]
         self.now = 0  #: Time of the plant [ns]
@@ -116,12 +116,12 @@ class HealthTopics:
 
     @property
     def gait_active(self) -> bool:
-        """Whether the robot walks, or has not yet come to a standstill."""
+        """Whether the robot walks or is coming to a standstill."""
         return self._control.stepping if self._control.gait_silent else not self._gait.settled
 
     @property
     def complete(self) -> bool:
-        """Whether the clock, a state and a command have arrived: before that, their ages mean nothing."""
+        """Whether the clock, a state and a command have arrived; before, their ages are meaningless."""
         return bool(self.now and self._odom_stamp and self._command_stamp)
 
     @property
@@ -130,11 +130,11 @@ class HealthTopics:
         return self._odom_stamp
 
     def walk(self) -> None:
-        """A walk begins: the gait counts as moving until its first report."""
+        """Start of a walk: the gait counts as moving until its first report."""
         self._gait = GaitStatus(ready=True, settled=False)
 
     def start(self) -> None:
-        """Count the age of state, command and clock from now: the robot begins to move."""
+        """Restart the ages of state, command and clock when the robot begins to move."""
         self._odom_stamp = self._command_stamp = self._started = self._checked = self.now
         self._silence = [0, 0]
         self._control = NO_CONTROL
@@ -142,13 +142,13 @@ class HealthTopics:
         self._clock_silence = 0.0
 
     def clock_silence(self, period: float) -> float:
-        """Time without ``/clock`` [s], after an update of the node, which has this period [s]."""
+        """Time without ``/clock`` [s]; called once per update of the node, with its period [s]."""
         self._clock_silence += period
         return self._clock_silence
 
     @property
     def intruders(self) -> tuple[str, ...]:
-        """Sentences on sensor topics, and the clock, with a second publisher: a sample's source is unknown then."""
+        """One sentence per sensor topic, or ``/clock``, with a second publisher: the source of a sample is unknown."""
         now = time.monotonic()
         if now >= self._count_at:
             self._count_at = now + COUNT_PERIOD
@@ -156,7 +156,7 @@ class HealthTopics:
         return self._intruders
 
     def _intruder(self, topic: str) -> str:
-        """The sentence about a second publisher of a topic; empty without one."""
+        """Sentence on a second publisher of a topic; empty if none."""
         ends = {bytes(end.endpoint_gid): end for end in self._node.get_publishers_info_by_topic(topic)}
         if len(ends) == 1:
             self._publishers[topic] = next(iter(ends))
@@ -170,14 +170,14 @@ class HealthTopics:
 
     @property
     def incompatible(self) -> dict[str, str]:
-        """Needed topics with incompatible QoS, each with the node and the policy, from each node's last report."""
+        """Needed topics with incompatible QoS, with node and policy, from the last report of each node."""
         return {topic: who for found in self._incompatible.values() for topic, who in found.items()}
 
     def health(self, driver_state: str, config: SupervisorConfig) -> Health:
-        """The health of the graph.
+        """Health of the graph.
 
-        ``driver_state`` is the drivers' reported state; damped drivers are a fault only once
-        ``config.controller_timeout`` has passed since the robot began to move.
+        ``driver_state`` is the reported state of the drivers. Damped drivers are a fault only after
+        ``config.controller_timeout`` since the robot began to move.
         """
         arming_time, oldest = config.controller_timeout, time.monotonic() - config.heartbeat_timeout
         armed = self.now - self._started > arming_time * NANOSECONDS
@@ -201,11 +201,11 @@ class HealthTopics:
         )
 
     def _last_seen(self, which: int, stamp: int, late: int, advance: int) -> int:
-        """The stamp to count an age from [ns]: the present time while the stamps still advance between two checks.
+        """Stamp from which an age is counted [ns]: the present time while the stamps advance between two checks.
 
-        The publisher is alive then, and the delay is one of this process and its queue; the drivers refuse commands
-        that are too old for the joints. A delay above ``late`` [ns] means another clock. The time between two checks
-        counts as silence up to ``advance`` [ns]: after a stall of this process, the clock may be read before the rest.
+        An advancing stamp shows that the publisher is alive and only this process and its queue are late; the drivers
+        refuse commands that are too old. A delay above ``late`` [ns] means another clock: the stamp itself counts.
+        ``advance`` [ns] is the silence between two checks; it is bounded: after a stall the clock may be read first.
         """
         moved, self._last_stamps[which] = stamp != self._last_stamps[which], stamp
         self._silence[which] = 0 if moved else self._silence[which] + advance
@@ -251,7 +251,7 @@ class HealthTopics:
             self._incompatible[status.name] = found
 
     def _on_control(self, status: ControlStatus) -> None:
-        """Store the report; an idle controller has solved nothing since the last one."""
+        """Store the report; an idle controller keeps its last solver status."""
         solve = status.solve if status.active else self._control.solve
         self._control = replace(status, solve=solve, joint_fault=status.joint_fault[:REASON_MAX])
 
@@ -263,5 +263,5 @@ class HealthTopics:
         self._coasting_since = status.coasting_since
 
     def _on_bad_estimator(self) -> None:
-        """An unreadable report may be that of a drop-out."""
+        """A malformed report counts as the start of a drop-out."""
         self._coasting_since = self._coasting_since or self.now

@@ -1,4 +1,4 @@
-"""Node ``imu_node``: raw samples of the IMU in; orientation without gyro bias out, and into a table."""
+"""Node ``imu_node``: raw IMU samples in; orientation and unbiased rate out, optionally into a table."""
 
 from pathlib import Path
 from typing import Any
@@ -19,13 +19,13 @@ from models.nodes.qos import SENSOR, STATE
 from models.nodes.spin import program
 from models.types import Vector
 
-NO_COVARIANCE = np.zeros((3, 3))  #: A complementary filter has none: zeros mean unknown (sensor_msgs/Imu)
+NO_COVARIANCE = np.zeros((3, 3))  #: The filter has no covariance: zeros mean unknown (sensor_msgs/Imu)
 
 
 class ImuNode(PoiseNode):
     """Runs ``OrientationFilter`` on each sample of ``imu/data_raw``; orientation from the IMU alone.
 
-    The state estimator publishes ``imu/data``, so this node publishes ``imu/data_filtered``. Where no estimator runs,
+    The state estimator publishes ``imu/data``, so this node publishes ``imu/data_filtered``. Without an estimator,
     remap it.
     """
 
@@ -61,7 +61,7 @@ class ImuNode(PoiseNode):
             self._log, self._rows = CsvImuLog(Path(self._path)), 0
 
     def deactivate(self) -> None:
-        """Complete the table; one without a sample is left out."""
+        """Complete the table; a table without a sample is discarded."""
         log, self._log = self._log, None
         if log is not None:
             log.close(keep=self._rows > 0)

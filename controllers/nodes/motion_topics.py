@@ -25,9 +25,9 @@ TRAJECTORY_BYTES_MAX = 400_000
 
 
 class MotionTopics:
-    """In mode motion, has the law follow the answer to the newest request, or a trajectory without a request.
+    """Follows the trajectory that answers the newest request, or one without a request (not in mode walk).
 
-    In mode walk motions use arms and head only. ``requested`` is the newest request, empty before the first.
+    In mode walk, motions use arms and head only. ``requested`` is the newest request, empty before the first.
     """
 
     def __init__(self, node: PoiseNode, stack: ControlStack, mode: Callable[[], Mode]) -> None:
@@ -41,7 +41,7 @@ class MotionTopics:
         node.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
 
     def end(self, reason: str) -> None:
-        """Publish that the motion that runs, if any, has ended before its end."""
+        """Publish that a running motion has ended early."""
         if self._running:
             self._publish(MotionState.ENDED, reason=reason)
 
@@ -51,7 +51,7 @@ class MotionTopics:
             self._publish(MotionState.DONE)
 
     def _publish(self, state: MotionState, request: str = "", reason: str = "") -> None:
-        if state is not MotionState.REFUSED:  # what runs goes on
+        if state is not MotionState.REFUSED:  # a running motion continues
             self._running = state is MotionState.RUNNING
         status = MotionStatus(state, request, reason)
         self._publish_status(status)
@@ -66,7 +66,7 @@ class MotionTopics:
     def _on_trajectory(self, topic: str, data: bytes) -> None:
         request, mode = "", self._mode()
         try:
-            if len(data) > TRAJECTORY_BYTES_MAX:  # decoding would cost ticks that keep the robot standing
+            if len(data) > TRAJECTORY_BYTES_MAX:  # decoding would delay the ticks that balance the robot
                 raise MessageError(f"{len(data)} bytes, at most {TRAJECTORY_BYTES_MAX}: leave out points")
             message = decode(data, JointTrajectory)
             request = message.header.frame_id if topic == topics.MOTION_TRAJECTORY else ""
@@ -82,7 +82,7 @@ class MotionTopics:
 
 
 class HeadTopics:
-    """Turns the head to ``head/pan_tilt``; refused by name without a head, or in modes without motion."""
+    """Moves the head to ``head/pan_tilt``; refused with the reason without a head, or outside active modes."""
 
     def __init__(self, node: PoiseNode, stack: ControlStack, mode: Callable[[], Mode]) -> None:
         self._node, self._stack, self._mode = node, stack, mode
@@ -93,7 +93,7 @@ class HeadTopics:
         node.listen(JointState, topics.HEAD_COMMAND, self._on_command, EVENT)
 
     def publish(self, state: RobotState, stamp: int) -> None:
-        """Publish the head's angles of a state with a stamp [ns]; nothing for a robot without a head."""
+        """Publish the head angles of a state with its stamp [ns]; nothing without a head."""
         if self._joints is not None:
             pan, tilt = state.q[7:][self._joints].tolist()
             self._state.publish(head_message(stamp, pan, tilt))

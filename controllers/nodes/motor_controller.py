@@ -22,9 +22,9 @@ WATCH_PERIOD = 0.01  #: Time between two checks for silent joints [s]
 
 
 class MotorControllerNode(PoiseNode):
-    """Runs ``MotorDriver`` once for each sample of ``joint_states``.
+    """Runs ``MotorDriver`` once per sample of ``joint_states``.
 
-    ``robot_driver`` contains these drivers, so the state is published on a separate topic here; on a robot without
+    ``robot_driver`` contains these drivers, too, so this node publishes the state on a separate topic; without
     ``robot_driver``, remap it to ``driver_state``. Without samples nothing is published: motors must damp by themselves
     when ``motor_commands`` is silent.
     """

@@ -1,4 +1,4 @@
-"""Collects the evidence for the preflight checks; subscribes to the fast topics only meanwhile."""
+"""Collects the evidence for the preflight checks; subscribed to the fast topics only meanwhile."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -21,13 +21,13 @@ from models.types import Vector
 
 
 class PreflightProbe:
-    """Samples every sensor once."""
+    """Samples the sensor topics and the odometry while open."""
 
     def __init__(self, node: PoiseNode) -> None:
         self._node = node
         imu = ImuCodec(topics.IMU_FRAME)
         self._joint_codec, self._odom_codec = JointStateCodec(node.model), OdometryCodec()
-        #: Type of each topic, and a function that takes its message and returns the stamp [ns]
+        #: Message type of each topic, and a function that stores a message and returns its stamp [ns]
         self._takers: dict[str, tuple[type, Callable[[bytes], int]]] = {
             topics.JOINT_STATES: (JointState, self._take_joints),
             topics.IMU_RAW: (Imu, lambda data: imu.decode(data)[0]),
@@ -63,7 +63,7 @@ class PreflightProbe:
             self._node.destroy_subscription(self._subscriptions.pop())
 
     def evidence(self, description: str | None, incompatible: Mapping[str, str]) -> Evidence:
-        """Samples since ``start``, with the URDF, if it has arrived, and the QoS mismatches of needed topics."""
+        """Evidence from the samples since ``start``, the URDF if received, and the QoS mismatches of needed topics."""
         rates = {}
         for topic, stamps in self._stamps.items():
             span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0

@@ -23,7 +23,7 @@ from models.nodes.qos import LATCHED, sensor
 from models.robot_model import SOLE_FRAMES
 from models.types import ContactState, RobotState, SensorData, Vector
 
-KEPT = 100  #: Ticks whose samples wait for the odometry
+KEPT = 100  #: Number of ticks whose joint samples are stored until the odometry arrives
 
 
 def declare_ages(node: PoiseNode) -> tuple[int, int]:
@@ -34,11 +34,11 @@ def declare_ages(node: PoiseNode) -> tuple[int, int]:
 
 
 class SampleTopics:
-    """Subscribes to joints, IMU and feet; refused samples are counted by the node.
+    """Subscribes to joints, IMU and feet; the node counts refused samples.
 
-    ``ages`` are from ``declare_ages``. ``take`` is called with every tick's data and its stamp [ns], and may raise
-    ``PoiseError`` to refuse it. Where the plant ``waits`` for commands, ``again`` is called instead when it repeats the
-    joints of this stamp [ns], because an answer was lost.
+    ``ages`` are from ``declare_ages``. ``take`` is called with the data and the stamp [ns] of every tick, and may raise
+    ``PoiseError`` to refuse it. If the plant ``waits`` for commands and repeats the joints of the last tick because its
+    command was lost, ``again`` is called instead.
     """
 
     def __init__(
@@ -87,11 +87,11 @@ class SampleTopics:
 
 
 class StateTopics:
-    """Joins ``/odom`` with the joint states it was computed from, and the estimator's contacts, wrenches and friction.
+    """Combines ``/odom`` with its joint states, and with contacts, wrenches and friction of the estimator.
 
     Samples arrive before the odometry of the same stamp, because the estimator waits for them. The wrenches are those
-    that it judged, not those of the sensors, which may be faulty or absent. ``take`` is called with every state and its
-    stamp [ns]; ``qos`` is that of the subscribers.
+    used by the estimator, because sensors may be faulty or absent. ``take`` is called with every state and its stamp
+    [ns]; ``qos`` applies to the subscribers.
     """
 
     def __init__(self, node: PoiseNode, take: Callable[[RobotState, int], None], qos: Any) -> None:

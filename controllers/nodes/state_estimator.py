@@ -28,11 +28,11 @@ COASTING_REPORTED = 0.01  #: Time without usable samples after which diagnostics
 
 
 class StateEstimatorNode(PoiseNode):
-    """Runs ``StateEstimator`` once for each complete set of samples.
+    """Runs ``StateEstimator`` once per complete set of samples.
 
-    ``hand_over`` is called with every state and its stamp [ns] when the controller runs in this process; ``/odom`` is
-    then published at ``odom_rate`` only. ``stack`` is shared with that controller; when None, one with the estimator
-    alone is made.
+    ``hand_over`` is called with every state and its stamp [ns] if the controller runs in this process; ``/odom`` is
+    then published at ``odom_rate`` only. ``stack`` is shared with that controller; when None, the node creates one with
+    the estimator alone.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class StateEstimatorNode(PoiseNode):
             values[field.name.replace("_", " ")] = f"{value:.3f}" if isinstance(value, float) else str(value)
 
     def _step(self, sensors: SensorData, stamp: int) -> None:
-        """Estimate the state of a tick; the law starts from the mean of the first ones."""
+        """Estimate the state of a tick; the estimator starts from the mean of the first samples."""
         self._calibration.collect(sensors)
         stack = self._stack
         if self._state is not None:
@@ -114,10 +114,10 @@ class StateEstimatorNode(PoiseNode):
         self._publish_inputs(stamp)
 
     def _report(self, health: EstimatorHealth, stamp: int) -> None:
-        """Report the beginning and the end of a drop-out from the health after the step at a stamp [ns].
+        """Report the start and the end of a drop-out, from the health after the step with a stamp [ns].
 
-        The supervisor receives the stamp at which it began, so two messages give its length at any time, independent of
-        the rate of the diagnostics.
+        The supervisor receives the stamp of the start, so two messages give the length at any time, independent of the
+        rate of the diagnostics.
         """
         if self._coasting_since is None:
             if health.coasting < COASTING_REPORTED:
@@ -131,13 +131,13 @@ class StateEstimatorNode(PoiseNode):
         self.publish_diagnostics()
 
     def _publish_inputs(self, stamp: int, *, again: bool = False) -> None:
-        """Publish the inputs of a tick, once the command is out."""
+        """Publish the inputs of a tick after its command is published."""
         log = self._stack.log
         if log is not None and (text := log.take(stamp, again=again)):
             self._inputs.publish(String(data=text))
 
     def _starts_from(self, sensors: SensorData) -> bool:
-        """Add a sample for the start; returns whether they are enough. A silent sensor discards them."""
+        """Add a sample for the start; returns whether there are enough. A silent sensor discards the samples."""
         if not self._samples.assembler.whole:
             self._first.clear()
             return False
@@ -145,7 +145,7 @@ class StateEstimatorNode(PoiseNode):
         return len(self._first) >= self._start_samples
 
     def _again(self) -> None:
-        """Repeat the answer to a tick."""
+        """Repeat the outputs of the last tick."""
         if self._state is None:
             return
         if self._hand_over is not None:

@@ -31,14 +31,14 @@ from models.nodes.spin import program
 from models.status import MotionState, MotionStatus, SupervisorStatus
 from models.types import CommandReply, Mode
 
-SET_MODE, COMMAND = "set_mode", "command"  #: Services with types of this package, offered where these are built
+SET_MODE, COMMAND = "set_mode", "command"  #: Services with types of this package, offered if these are built
 #: Modes that can be requested by name
 _SERVED = tuple(mode.value for mode in (Mode.OFF, Mode.DAMP, Mode.STAND, Mode.WALK))
 _ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
 
 
 class SupervisorNode(PoiseNode):
-    """Runs ``Supervisor`` on what the other nodes report."""
+    """Runs ``Supervisor`` on the reports of the other nodes."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("supervisor", **kwargs)
@@ -143,7 +143,7 @@ class SupervisorNode(PoiseNode):
         self._commands.publish()
 
     def _unsupported(self) -> tuple[str, ...]:
-        """Why a robot that hangs, or a real one that is damped, cannot stand: what its start waits for."""
+        """Reason why a hanging or a real damped robot cannot stand: the condition that its start waits for."""
         start = self._reports.start_status
         if start is not None and self._driver_state in (topics.HANGING, topics.DAMPED):
             return (f"start '{start.state}' waits for {start.waits_for[:REASON_MAX]}",)
@@ -153,7 +153,7 @@ class SupervisorNode(PoiseNode):
 
     def _watch(self) -> None:
         if self._driver_state == topics.RELAXING:
-            return  # it sinks on request, and follows no command: only a request may damp it sooner
+            return  # the robot sinks on request and follows no command; only a request may damp it earlier
         if not self._reports.complete and time.monotonic() < self._adopting_until:
             return
         if self._reports.clock_silence(self._period) > self._clock_timeout:
@@ -173,7 +173,7 @@ class SupervisorNode(PoiseNode):
                 self.get_logger().error("; ".join(new))  # others are logged with the mode
 
     def _publish_mode(self) -> None:
-        """Publish changes; nothing before the first driver state."""
+        """Publish changes of mode and motion; nothing before the first driver state."""
         if not self._driver_state:
             return
         if self._published != self._law.mode.value:
@@ -182,7 +182,7 @@ class SupervisorNode(PoiseNode):
             if self._law.mode is Mode.WALK:
                 self._reports.walk()
             self._published = self._law.mode.value
-            self._report()  # before the mode: who waits finds its reasons
+            self._report()  # before the mode, so that a waiting client finds its reasons
             self.get_logger().info(f"mode {self._published}" + "".join(f"; {fault}" for fault in self._law.faults))
             self._mode_topic.publish(String(data=self._published))
         motion = self._law.take_motion()
@@ -202,7 +202,7 @@ class SupervisorNode(PoiseNode):
         self._report()
 
     def _report(self) -> None:
-        """Publish the status, at once when a request is answered because its sender waits for it."""
+        """Publish the status; called after each answered request, because its sender waits for it."""
         law = self._law
         status = SupervisorStatus(
             self.robot,
@@ -222,7 +222,7 @@ class SupervisorNode(PoiseNode):
         self._publish_status(status)
 
     def _request_mode(self, mode: Mode) -> CommandReply:
-        """Request a mode from the law with the newest attitude: a damped robot may have fallen just now."""
+        """Request a mode after a check of the newest attitude: a damped robot may have fallen just now."""
         law = self._law
         if law.mode not in ACTIVE_MODES and (law.fallen or not law.preflight):
             law.set_preflight((*self._unsupported(), *attitude(self._config, self._reports.tilt)))
@@ -237,9 +237,9 @@ class SupervisorNode(PoiseNode):
         return reply
 
     def _damped(self, reply: CommandReply) -> CommandReply:
-        """Publish mode ``damp`` again, where it is the present one too: the start of a real robot may have gone on.
+        """Publish mode ``damp`` again even if it is the present mode: the start of a real robot may have continued.
 
-        The reply says what that start makes of it.
+        The reply describes the effect on that start.
         """
         if self._law.mode is Mode.DAMP:
             self._published = ""
@@ -280,7 +280,7 @@ class SupervisorNode(PoiseNode):
         self.serve(Trigger, name, lambda request, response: self._answer(response, acted))
 
     def _answer(self, response: Any, act: Callable[..., CommandReply], *arguments: str) -> Any:
-        """The response of a service that the active node carries out."""
+        """Response of a service; refused unless the node is active."""
         inactive = f"the supervisor is not active: ros2 lifecycle set {self.get_fully_qualified_name()} activate"
         reply = act(*arguments) if self.active else CommandReply(False, inactive)
         response.success, response.message = reply.accepted, reply.reason
@@ -292,15 +292,15 @@ class SupervisorNode(PoiseNode):
             self._act_on(topics.MOTION_STATE, self._law.motion_refused(status.reason))
 
     def _on_driver_state(self, message: String) -> None:
-        """Start over after a reset of the robot; take over a robot that is already active.
+        """Reset after a reset of the robot; take over a robot that is already active or damped.
 
-        With active drivers the robot keeps standing. Damped, it stays damped with a latched fault.
+        With active drivers the robot keeps standing. With damped drivers it stays damped, with a latched fault.
         """
         before, self._driver_state = self._driver_state, message.data
-        stopped = self._law.stopped and self._reports.start_status is not None  # a simulated robot is put back
+        stopped = self._law.stopped and self._reports.start_status is not None  # a simulated robot is reset
         if message.data == topics.HELD and before:
             self._law.reset(stopped=stopped)
-            if before == topics.HANGING:  # the estimator starts again: what was seen in the air is no evidence
+            if before == topics.HANGING:  # the estimator restarts: evidence from the air is invalid
                 self._probe.stop()
                 self._probe_until = time.monotonic()
         elif message.data == topics.HANGING:
@@ -314,7 +314,7 @@ class SupervisorNode(PoiseNode):
             self._law.reset(Mode.DAMP)
             self._law.fault("the drivers were damped when the supervisor started")
         elif message.data == topics.DAMPED:
-            self._update()  # now, not at the next check: a request may be next
+            self._update()  # not at the next check: a request may arrive before it
 
 
 main = program(SupervisorNode)
