@@ -2,7 +2,7 @@
 
 The law:
 
-    off -> damp -> stand <-> motion        stand <-> walk with a gait planner; some motions while walking
+    off, damp -> stand <-> motion          stand <-> walk with a gait planner; some motions while walking
 
     fault of severity hold                 walk -> stand, and no velocity and no new motion, while the cause lasts
                       stand                walk, motion -> stand, latched until the robot stands without the cause, or
