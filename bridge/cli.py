@@ -91,7 +91,9 @@ def demo(
     robot: Robot = "g1",
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for report, plots, film strip and recording; by default out, or out/stairs."),
+        typer.Option(
+            help="Folder for report, plots, film strip and recording; by default out, for the stairs out/stairs."
+        ),
     ] = None,
     scene: Annotated[
         Literal["square", "stairs"],

@@ -49,8 +49,7 @@ class GaitStatus(Status, frozen=True):
     settled: bool  # the robot stands still
     limited: str = ""  # how the commanded velocity exceeds the limits of the gait; empty within the limits
     blocked: str = ""  # why the ground ahead stops the walk at a commanded velocity; empty while it does not
-
-    unmapped: str = ""  # why the walk does not use the required map of the ground; empty when it does
+    unmapped: str = ""  # why the walk does not use the required map of the ground; empty otherwise
 
     @property
     def remarks(self) -> str:

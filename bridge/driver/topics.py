@@ -224,9 +224,10 @@ class StatusTopics:
 
 
 class TruthTopics:
-    """Publishers of ``ground_truth/odom``, and of ``ground_truth/joint_states`` and ``.../obstacle`` if subscribed to.
+    """Publishers of ``ground_truth/odom``, and of ``joint_states`` and ``obstacle`` beside it while subscribed to.
 
-    ``measured`` is the stamp of the newest of these states that the range sensors have measured [ns], 0 without.
+    ``published`` is the stamp of the newest of these states [ns]. ``measured`` is the stamp of the newest one that the
+    range sensors have measured [ns], 0 if none measures.
     """
 
     def __init__(self, node: PoiseNode, plant: SimulatedPlant) -> None:
@@ -235,7 +236,7 @@ class TruthTopics:
         self._odometry = node.announce(Odometry, topics.GROUND_TRUTH, STATE)
         self._joints = node.announce(JointState, topics.GROUND_TRUTH_JOINTS, STATE)
         self._obstacle = node.announce(PoseStamped, topics.GROUND_TRUTH_OBSTACLE, STATE)
-        self.measured = 0
+        self.published = self.measured = 0
         node.listen(Clock, topics.RANGE_SENSORS_TIME, self._on_measured, SENSOR)
 
     def _on_measured(self, message: Clock) -> None:
@@ -243,7 +244,7 @@ class TruthTopics:
 
     def publish(self, stamp: int) -> None:
         """Publish the true state and the position of the obstacle with a stamp [ns]; joint states last."""
-        truth = self._plant.truth
+        truth, self.published = self._plant.truth, stamp
         self._odometry.publish(self._codec.encode(stamp, truth))
         centre = self._plant.obstacle.centre
         if centre is not None and self._obstacle.get_subscription_count():

@@ -149,8 +149,9 @@ class DriverWorld:
 
     @property
     def behind(self) -> bool:
-        """Whether time waits for a robot's commands."""
-        return any(driver.behind for driver in self._moving)
+        """Whether time waits for the commands, the supervisor or the range sensors of a robot."""
+        waits = [driver.behind for driver in self._moving]  # all of them, so that no wait begins after another one
+        return any(waits)
 
     def publish_tick(self, late: float) -> None:
         """Publish the sensors of all robots for this tick, which began ``late`` after its deadline [s]."""

@@ -24,6 +24,8 @@ from models.range_sensor import DEPTH_FRAME, DEPTH_UNIT, RangeSensor
 from models.terrain import FLAT, terrain_named
 from models.types import Vector
 
+NOT_MEASURING = 0  #: Time in ``range_sensors/time`` for which the simulation does not wait [ns]
+
 
 class _Output(Schedule[dict[str, Any]]):
     """Publishers of one sensor by topic, and the schedule of their messages."""
@@ -82,6 +84,9 @@ class RangeSensorNode(PoiseNode):
         self._measured: list[str] = []  # sensors that are due now
         self._restart()
 
+    def deactivate(self) -> None:
+        self._time.publish(clock_message(NOT_MEASURING))
+
     def _restart(self) -> None:
         self._stamp = 0  # stamp of the newest state [ns]
         for output in self._outputs.values():
@@ -100,10 +105,11 @@ class RangeSensorNode(PoiseNode):
             self._world.obstacle = centre
 
     def _is_due(self, stamp: int) -> bool:
-        """Select the sensors that measure now; returns whether there are any."""
-        self._measured = [name for name, output in self._outputs.items() if output.used and output.due(stamp)]
+        """Find the sensors that are due now."""
+        used = {name: output for name, output in self._outputs.items() if output.used}
+        self._measured = [name for name, output in used.items() if output.due(stamp)]
         if not self._measured:
-            self._time.publish(clock_message(stamp))
+            self._time.publish(clock_message(stamp if used else NOT_MEASURING))
         return bool(self._measured)
 
     def _measure(self, stamp: int, q: Vector) -> None:

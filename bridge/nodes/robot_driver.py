@@ -41,6 +41,7 @@ from models.nodes.parameters import declare_config
 from models.nodes.spin import Stop, run
 from models.types import SensorData
 
+COMMANDS, SUPERVISOR, RANGE_SENSORS = "commands", "the supervisor", "range sensors"  #: What simulated time waits for
 MUJOCO = "mujoco"  #: Name of the built-in simulated plant
 SLOW = 0.9  #: Real-time factor, relative to the requested speed, below which it is reported [-]
 
@@ -227,25 +228,29 @@ class RobotDriver(PoiseNode):
         """Whether simulated time waits for the command, the supervisor or the simulated range sensors.
 
         Time waits while one of them refers to a state older than its bound, for at most ``yield_max``. The three waits
-        are independent: without a supervisor, time still waits for commands. Faults of the sensors cause no wait.
+        are independent: without a supervisor, time still waits for commands. Faults of the sensors cause no wait. Range
+        sensors that exceeded ``yield_max`` are not waited for until they measure again.
         """
         if self._simulated is None or self.config.real_time != "yield":
             return False
-        given, commands, now = self.config, self.commands, time.monotonic()
+        given, commands, truth, now = self.config, self.commands, self._truth, time.monotonic()
         due = self.stamp - self._sensor_ticks * self._period_ns
         late = []
         if self.drivers.awaits_command and not self.simulation.faults.corrupted:
             if due - max(commands.stamp, commands.due_since) > given.yield_lag * NANOSECONDS:
-                late.append("command")
+                late.append(COMMANDS)
             if commands.judged and due - commands.judged > given.yield_supervisor * NANOSECONDS:
-                late.append("supervisor")
-            if self._truth.measured and due - self._truth.measured > given.yield_range_sensors * NANOSECONDS:
-                late.append("range sensors")
-        if late or self._late_since:
-            since = {each: self._late_since.get(each, now) for each in late}
-            self.counters["waits for commands"] += len(since.keys() - self._late_since.keys())
-            self._late_since = since
-        return any(now - begin < given.yield_max for begin in self._late_since.values())
+                late.append(SUPERVISOR)
+            if truth.measured and truth.published - truth.measured > given.yield_range_sensors * NANOSECONDS:
+                late.append(RANGE_SENSORS)
+        for each in late:
+            if each not in self._late_since:
+                self.counters[f"waits for {each}"] += 1
+        self._late_since = {each: self._late_since.get(each, now) for each in late}
+        waits = [each for each, begin in self._late_since.items() if now - begin < given.yield_max]
+        if RANGE_SENSORS in late and RANGE_SENSORS not in waits:
+            truth.measured = 0  # the node has ended
+        return bool(waits)
 
     @property
     def _sensing(self) -> bool:
@@ -333,8 +338,8 @@ class RobotDriver(PoiseNode):
         self.values["real-time factor"] = f"{factor:.2f}"
         if self._simulated is not None and not paused and factor < SLOW * self.config.speed:
             self.get_logger().warning(
-                f"simulated time runs at {factor:.2f} of real time: other programs use the processor, or the plant is "
-                f"slow; poise status has the present factor",
+                f"simulated time runs at {factor:.2f} of real time: other programs use the processor, or the plant or "
+                f"its range sensors are slow; poise status has the present factor",
                 throttle_duration_sec=600.0,
             )
         if self._start is not None:

@@ -87,7 +87,7 @@ class DriverConfig:
     latency_file: str  #: File for the measured latencies; empty for none
     lockstep: bool  #: The plant waits for the command of each tick; sensors are then reliable (for deterministic tests)
     speed: Annotated[float, Field(ge=0.01, le=1.0)]  #: Ratio of simulated to real time, without lockstep
-    #: Whether simulated time waits for late commands (yield) or follows the clock (strict)
+    #: Whether simulated time waits for commands, supervisor and range sensors (yield) or follows the clock (strict)
     real_time: Literal["yield", "strict"]
     #: Age of the newest command above which simulated time waits [s]
     yield_lag: Annotated[float, Field(ge=0.001, le=1.0)]

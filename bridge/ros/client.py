@@ -25,7 +25,7 @@ from bridge.ros.processes import absolute_namespace
 from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
-from models.nodes.qos import EVENT, LATCHED
+from models.nodes.qos import EVENT, LATCHED, LATCHED_EVENT
 from models.nodes.status import subscribe_status
 from models.status import (
     GET_UP,
@@ -241,7 +241,8 @@ class Client:
             return CommandReply(found[0].state is not MotionState.REFUSED, f"{text[:32]}: {found[0]}")
         if not answered() or status is None:
             return CommandReply(True, "sent; no answer yet")
-        if text.strip().lower() == STOP or not self.wait(lambda: self._walks and bool(self.remarks), LIMITING):
+        ends = text.strip().lower() in (STOP, Mode.STAND.value)
+        if ends or not self.wait(lambda: self._walks and bool(self.remarks), LIMITING):
             return CommandReply(True, status.answer)
         return CommandReply(True, f"{status.answer}; {self.remarks}")
 
@@ -322,7 +323,7 @@ def overview(client: Client) -> dict[str, str]:
     start: list[StartStatus] = []
     subscribe_status(client.node, StartStatus, topics.START_STATUS, start.append, LATCHED)
     routes: list[RouteStatus] = []
-    subscribe_status(client.node, RouteStatus, topics.ROUTE_STATUS, routes.append, LATCHED)
+    subscribe_status(client.node, RouteStatus, topics.ROUTE_STATUS, routes.append, LATCHED_EVENT)
     client.robot(ROBOT_TIMEOUT)
 
     def complete() -> bool:
@@ -333,9 +334,11 @@ def overview(client: Client) -> dict[str, str]:
 
     client.wait(complete, TOPICS_TIMEOUT)
     if client.mode == Mode.WALK.value:
-        client.wait(lambda: bool(routes), DISCOVERY)  # there may be no route
+        client.spin(DISCOVERY)  # there may be no route
     status = client.status
     assert status is not None  # the wait above found a robot
+    accepted = [each for each in routes if each.state is not RouteState.REFUSED]
+    walks_to_goal = client.mode == Mode.WALK.value and accepted and accepted[-1].state is RouteState.RUNNING
     locks = "".join(f"; lock '{lock}' is closed" for lock in status.locks)
     return {
         "robot": f"{status.robot}, mode '{status.mode.value}'"
@@ -343,7 +346,7 @@ def overview(client: Client) -> dict[str, str]:
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
         "real-time factor": "unknown" if math.isnan(client.factor) else f"{client.factor:.2f}",
         "in command": f"{client.commander or 'unknown'}{locks}",
-        **({"goal": str(routes[-1])} if routes and routes[-1].state is RouteState.RUNNING else {}),
+        **({"goal": str(accepted[-1])} if walks_to_goal else {}),
         **({"walk": client.remarks} if client.remarks else {}),
         **(start_lines(start[-1]) if start else {}),
         "next": client.paused or next_step(status, start[-1] if start else None),

@@ -170,13 +170,19 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
         client.wait(lambda: bool(routes), 1.0)
     if not routes:
         return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
-    clock.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
+    remark = ""
+
+    def over() -> bool:
+        nonlocal remark
+        remark = client.gait.unmapped if client.gait and client.gait.unmapped else remark
+        return routes[-1].state is not RouteState.RUNNING
+
+    clock.wait(over, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
     done = routes[-1].state is RouteState.DONE
     if not done:  # the cause may be reported later
         client.wait(lambda: bool(client.obstacle), LATE)
     why = f"; {client.obstacle}" if client.obstacle and not done else ""
-    if client.gait and client.gait.unmapped:
-        why += f"; {client.gait.unmapped}"
+    why += f"; {remark}" if remark else ""
     stood = _stand(client, clock, f"goal x {goal[0]:.2f} m, y {goal[1]:.2f} m: {routes[-1]}{why}")
     return CommandReply(stood.accepted and done, stood.reason)
 

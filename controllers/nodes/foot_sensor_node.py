@@ -30,7 +30,7 @@ class FootSensorNode(PoiseNode):
     """Runs the ``ContactDetector`` of the estimator on the foot sensors alone.
 
     The state estimator publishes ``contacts``, which also uses the leg torques; this node has separate topics for each
-    foot. A silent sensor publishes nothing.
+    foot. Nothing is published for a silent sensor.
     """
 
     AUTOSTART = True

@@ -51,7 +51,7 @@ class ContactConfig:
     sole_margin: NonNegative  #: Margin by which each side of the contact rectangles is reduced [m]
     force_min: NonNegative  #: Least normal force per sole, share of the weight [-]
     force_max: Positive  #: Largest normal force per sole, share of the weight [-]
-    wrench_weight: Positive  #: Weight of the error of a wrench component, as a share of the robot's weight [-]
+    wrench_weight: Positive  #: Weight of a wrench component's distance from its even share, over the load [-]
     moment_arm: Positive  #: Lever arm by which moments are divided in this cost [m]
 
 

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from models.errors import MessageError, PoiseError
 from models.nodes import realtime, topics
 from models.nodes.parameters import declare, describe
-from models.nodes.qos import EVENT, LATCHED, REFUSALS, QosWatch
+from models.nodes.qos import EVENT, LATCHED, LATCHED_EVENT, QosWatch
 from models.nodes.status import StatusMessage, status_from_message, status_to_message
 from models.robot_model import RobotModel
 from models.status import NodeStatus, Status
@@ -91,7 +91,7 @@ class PoiseNode(LifecycleNode):
         self._qos = QosWatch(self)
         watched = self._qos.publisher("/diagnostics", EVENT)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT, event_callbacks=watched)
-        self._refusals = self.create_publisher(DiagnosticStatus, topics.REFUSALS, REFUSALS)
+        self._refusals = self.create_publisher(DiagnosticStatus, topics.REFUSALS, LATCHED_EVENT)
         self._node_status = self.create_publisher(StatusMessage, topics.NODE_STATUS, EVENT)
         self._last_alarm = -ALARM_PERIOD
         self.every(period, self._on_diagnostics_due)

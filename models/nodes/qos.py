@@ -36,8 +36,8 @@ SENSOR = keep_last(1, reliable=False)
 SENSOR_QUEUE = keep_last(100, reliable=False)
 #: ``/robot_description``, ``/mode``: late subscribers receive the last value
 LATCHED = keep_last(1, reliable=True, latched=True)
-#: ``/refusals``: late subscribers receive the last refusals of each node
-REFUSALS = keep_last(10, reliable=True, latched=True)
+#: ``/refusals``, ``gait/route_status``: none may be lost, and late subscribers receive the last ones
+LATCHED_EVENT = keep_last(10, reliable=True, latched=True)
 #: Requests and replies: none may be lost
 EVENT = keep_last(10, reliable=True)
 #: Joint commands without deadline, for publishers slower than the controller

@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from models.errors import CommandError, MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.qos import EVENT, LATCHED
+from models.nodes.qos import EVENT, LATCHED_EVENT
 from models.nodes.services import offer_own
 from models.status import RouteState, RouteStatus
 from planners.gait.commands import VelocityCommand
@@ -48,7 +48,7 @@ class RouteTopics:
         self._soles, self._now = soles, now
         self._running = False
         self._words = node.announce(String, topics.GAIT_ROUTE, EVENT)
-        self._publish_status = node.announce_status(topics.ROUTE_STATUS, LATCHED)
+        self._publish_status = node.announce_status(topics.ROUTE_STATUS, LATCHED_EVENT)
         node.listen(PoseStamped, topics.GOAL_POSE, partial(self._try, self._go), EVENT, while_active=True)
         node.listen(Path, topics.FOOTSTEPS_COMMAND, partial(self._try, self._take), EVENT, while_active=True)
         node.serve(GetPlan, topics.PLAN_FOOTSTEPS, self._on_plan)

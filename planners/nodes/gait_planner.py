@@ -1,6 +1,7 @@
 """Node ``gait_planner``: commands the gait from velocities and goals, and publishes footsteps and phase."""
 
 import math
+import time
 from collections import deque
 from itertools import accumulate, chain, islice, repeat
 from typing import Any
@@ -32,7 +33,7 @@ from planners.nodes.gait_commands import RouteTopics
 from planners.nodes.gait_link import GaitStage, RemoteGait, declare_gait
 from planners.nodes.ground_walk import GroundWalk, declare_ground
 
-_WARNED = 10.0  #: Least time between two warnings of a walk without a map [s]
+WARNING_PERIOD_S = 10.0  #: Between two equal warnings of a walk without a map
 TAKEN_MAX = 20  #: Largest number of poses in ``gait/footsteps_taken``
 
 
@@ -55,6 +56,7 @@ class GaitTopics:
         self._history: deque[Any] = deque(maxlen=TAKEN_MAX)
         self._log, self._limited, self._exceeded = node.get_logger(), "", list[str]()
         self._blocked = self._unmapped = ""
+        self._warned = "", -math.inf  # last warning of a walk without a map, and its monotonic time [s]
         law.exceeded(STILL)  # computes the limits now and not in a tick
         self.reset()
 
@@ -90,8 +92,10 @@ class GaitTopics:
             return
         if blocked not in ("", before[0]):
             self._log.warning(blocked)
-        if unmapped not in ("", before[1]):
-            self._log.warning(unmapped, throttle_duration_sec=_WARNED)
+        now = time.monotonic()
+        if unmapped and (unmapped != self._warned[0] or now - self._warned[1] > WARNING_PERIOD_S):  # may alternate
+            self._warned = unmapped, now
+            self._log.warning(unmapped)
         self._report()
 
     def _report(self) -> None:
@@ -222,6 +226,7 @@ class GaitPlannerNode(PoiseNode):
         self._command.forget()
         self._stack.hold_velocity(*STILL)
         self._stop("the gait planner was deactivated")
+        self._routes.publish_end()
         self._gait.publish_phase(topics.GAIT_ABSENT)
 
     def before_tick(self, t: float) -> None:

@@ -101,7 +101,7 @@ class GroundWalk:
         self._detours = 0
         self._beside = 0.0  # distance to the goal after plans that ended beside it [m]
         self._velocity = STILL
-        self._stopped = 0.0  # bearing of the velocity that was stopped [rad]
+        self._direction = 0.0  # bearing of the velocity for which the ground was watched last [rad]
         self._t = self._asked = 0.0
         self._steps = -1  # touchdowns at the last request
         self._seen = False  # whether a ground planner was present
@@ -123,7 +123,7 @@ class GroundWalk:
         self._watch(_Stage.ASKED)
         return count
 
-    def _tell(self, *, blocked: str | None = None, unmapped: str | None = None) -> None:
+    def _report_ground(self, *, blocked: str | None = None, unmapped: str | None = None) -> None:
         """Report the given reasons together with those unchanged."""
         self._blocked = self._blocked if blocked is None else blocked
         self._unmapped = self._unmapped if unmapped is None else unmapped
@@ -136,7 +136,7 @@ class GroundWalk:
 
     def cancel(self, reason: str) -> None:
         """End the present goal or velocity with a reason; footsteps under way are not affected."""
-        self._tell(blocked="", unmapped="")
+        self._report_ground(blocked="", unmapped="")
         self._route.end(reason)
         self._stage, self._goal, self.outcome, self._velocity = _Stage.IDLE, None, reason, STILL
         self._poses, self._before, self._unanswered = [], self._number, math.inf
@@ -149,17 +149,21 @@ class GroundWalk:
         if self._goal is not None:
             return STILL if stopped else velocity
         moves = _speed(velocity) > self._config.speed_min
-        if stopped and moves and abs(wrap(_bearing(velocity) - self._stopped)) <= self._config.cone:
+        continues = moves and abs(wrap(_bearing(velocity) - self._direction)) <= self._config.cone
+        if stopped and continues:
             self._velocity = velocity
             return (0.0, 0.0, velocity[2]) if self._stage is _Stage.BLOCKED else STILL
         if velocity == self._velocity:
+            return velocity
+        if continues and self._stage is _Stage.BLIND:  # a stick that moves: answers under way count
+            self._velocity = velocity
             return velocity
         if stopped:
             self._stack.stop()
         self.cancel("")
         self._velocity, self._steps = velocity, -1
         if moves:
-            self._stage = _Stage.BLIND
+            self._stage, self._direction = _Stage.BLIND, _bearing(velocity)
         return velocity
 
     def update(self, t: float) -> None:
@@ -168,7 +172,7 @@ class GroundWalk:
         if t - self._unanswered > self._config.answer_timeout and self._stage in _WATCHING:  # repeated every tick
             now = "stays where it is" if self._stage is _Stage.BLOCKED else "walks without a map"
             text = f"no answer of the ground planner for {self._config.answer_timeout:g} s: the robot {now}"
-            self._tell(unmapped=text)
+            self._report_ground(unmapped=text)
             if self._stage is _Stage.ASKED:
                 self._walk_blind(known=False)
         match self._stage:
@@ -198,6 +202,7 @@ class GroundWalk:
     def _watch(self, stage: _Stage) -> None:
         """Enter a stage, and request whether the ground on the way is level."""
         self._stage, self._steps, self._asked = stage, self._law.steps, self._t
+        self._direction = _bearing(self._velocity)
         feet, here = self._law.footholds, middle(self._law.footholds)
         config = self._config
         far = (config.ahead if self._leads_ahead else config.beside) + config.preview_time * _speed(self._velocity)
@@ -222,7 +227,7 @@ class GroundWalk:
         elif self._stage in _WATCHING and self._number <= answer.number < self._before:
             # A late answer is also valid, since the ground on the way has not moved.
             self._unanswered = math.inf
-            self._tell(unmapped=_UNSEEN if answer.blind and self._stage is not _Stage.BLOCKED else "")
+            self._report_ground(unmapped=_UNSEEN if answer.blind and self._stage is not _Stage.BLOCKED else "")
             if not (answer.level or answer.blind):
                 self._stop()
             elif self._stage is _Stage.ASKED:
@@ -244,8 +249,8 @@ class GroundWalk:
         if self._stage is not _Stage.BLOCKED and self._goal is None:
             side = "ahead" if ahead else "behind" if abs(y) < -x else "to the left" if y > 0.0 else "to the right"
             why = "looking for footsteps" if ahead else "steps up and down are planned ahead only"
-            self._tell(blocked=f"the ground {side} is not level; {why}")
-        self._stage, self._stopped = _Stage.STOP, _bearing(self._velocity)
+            self._report_ground(blocked=f"the ground {side} is not level; {why}")
+        self._stage, self._direction = _Stage.STOP, _bearing(self._velocity)
         self._stack.hold_velocity(*STILL)
         self._stack.stop()
 
@@ -333,7 +338,7 @@ class GroundWalk:
         if (request := route.request(t)) is not None:
             self._send(request)
         if self._law.route.left:
-            self._tell(blocked="")
+            self._report_ground(blocked="")
         if route.active or self._law.route.left or not self._law.settled:
             return
         if goal is None:
@@ -341,7 +346,7 @@ class GroundWalk:
                 self._go_on()
             else:
                 self._block()
-                self._tell(blocked=route.outcome)
+                self._report_ground(blocked=route.outcome)
         elif route.outcome == "done" and self._way_to(goal)[1] > self._config.near_goal:
             self._beside = self._way_to(goal)[1]
             self._watch(_Stage.ASKED)  # over level ground in between, the gait walks there
@@ -359,8 +364,9 @@ class GroundWalk:
 
     def _go_on(self) -> None:
         """Resume the velocity."""
-        self._tell(blocked="")
+        self._report_ground(blocked="")
         self._stage, self._steps = _Stage.BLIND, -1
 
     def _finish(self, outcome: str) -> None:
+        self._report_ground(unmapped="")
         self._stage, self._goal, self._poses, self.outcome = _Stage.IDLE, None, [], outcome

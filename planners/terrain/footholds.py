@@ -24,7 +24,7 @@ from planners.terrain.footstep_search import FootstepSearch, Places, Step
 from planners.terrain.ground_config import GroundConfig, PlanConfig
 from planners.terrain.survey import GRID, SoleSurvey
 
-_SHARE = 0.1  #: Step between the places of a way that are compared, as a share of the way [-]
+_WAY_STEP = 0.1  #: Step between the places of a way that are compared, as a share of the way [-]
 _AHEAD_MIN = 0.1  #: Least distance ahead of a sole of ground that may be the reason for the end of a plan [m]
 
 
@@ -170,7 +170,7 @@ class GroundPlanner:
             if self._ground.leg_in_ground(ground, hold) > off:
                 return True
             way = np.array([last.x - hold.x, last.y - hold.y])
-            between = np.concatenate([places + share * way for share in np.arange(0.0, 1.0, _SHARE)])
+            between = np.concatenate([places + share * way for share in np.arange(0.0, 1.0, _WAY_STEP)])
             if (ground.at(between) > max(last.z, hold.z) + step.over + off).mean() > most:
                 return True
         return False

@@ -28,7 +28,7 @@ from models.nodes import topics
 from models.nodes.messages import JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import describe
-from models.nodes.qos import COMMAND, EVENT, LATCHED, REFUSALS, SENSOR
+from models.nodes.qos import COMMAND, EVENT, LATCHED, LATCHED_EVENT, SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.status import GET_UP, ControlStatus, StartStatus, SupervisorStatus
 from models.types import Mode, SolveStatus
@@ -168,7 +168,7 @@ def test_whatever_is_red_has_its_reason_and_the_remedy(
     client: Client, bench: Bench, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world = bench.world
-    refusals = world.create_publisher(DiagnosticStatus, topics.REFUSALS, REFUSALS)
+    refusals = world.create_publisher(DiagnosticStatus, topics.REFUSALS, LATCHED_EVENT)
     refusals.publish(DiagnosticStatus(name="/gait_planner", message="refused before the page was opened"))
     listener = Listener(g1, client, CONFIG)
     until(client, bench, lambda: refusals.get_subscription_count() > 0)

@@ -107,7 +107,7 @@ class WrenchDecoder:
 
 
 def imu_rotation(model: RobotModel, frame: str, distance_max: float) -> Matrix:
-    """Rotation (3, 3) from a URDF frame to frame ``imu``; ``MessageError`` if they are farther apart [m]."""
+    """Rotation (3, 3) from a URDF frame to frame ``imu``; ``MessageError`` beyond ``distance_max`` [m]."""
     placement = _placement(model, frame, model.frame_id("imu"), "imu")
     distance = float(np.linalg.norm(placement.translation))
     if distance > distance_max:

@@ -248,6 +248,36 @@ def test_a_map_without_the_ground_on_the_way_is_reported_until_it_has_it(bench: 
         bench.wait(lambda known=known: ("walks without a map" in robot.limits[-1]) is not known)
 
 
+def test_the_report_of_a_walk_without_a_map_ends_with_its_goal(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
+    robot.go(1.0)
+    robot.send(Answer(robot.ask().number, blind=True))
+    bench.wait(lambda: "walks without a map" in robot.limits[-1])
+    robot.stack.gait.end_route("done")
+    robot.until(lambda: robot.routes[-1].state is RouteState.DONE and robot.limits[-1] == "")
+
+
+def test_an_answer_counts_although_the_velocity_changes_meanwhile(bench: Any, g1: RobotModel) -> None:
+    """A stick that moves commands a new velocity in every message."""
+    robot = Guided(bench, g1)
+    robot.drive(0.3)
+    request = robot.ask()
+    robot.drive(0.31, 0.02)
+    robot.drive(0.3, -0.02)
+    robot.send(Answer(request.number))
+    robot.tick(1)
+    assert not robot.stack.gait.state.command.moves
+    assert not robot.requests or robot.requests[-1].number > 0  # the changes requested nothing
+
+
+def test_a_gait_planner_that_is_deactivated_ends_its_goal(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
+    robot.go(1.0)
+    robot.send(Answer(robot.ask().number, level=True))
+    robot.node.trigger_deactivate()
+    bench.wait(lambda: robot.routes[-1].state is RouteState.ENDED)
+
+
 def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_ends(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.drive(0.3)
@@ -344,7 +374,7 @@ def test_a_late_answer_counts_for_the_command_that_it_was_asked_for(bench: Any, 
     robot.drive(0.3)
     late = robot.ask()
     if not present:
-        robot.drive(0.2)
+        robot.drive(-0.2)
         robot.ask()
     robot.stack.gait.state.steps += 1  # a touchdown, and the next watch
     assert robot.ask().number < late.number

@@ -1,6 +1,7 @@
 """The bridge's node without its loop: which commands and modes it takes, and what it notes about them."""
 
 import math
+import time
 from pathlib import Path
 from typing import Any
 
@@ -312,8 +313,10 @@ def test_simulated_time_waits_for_a_supervisor_that_lags(
     assert node.behind  # for the commands
 
 
-def test_simulated_time_waits_for_simulated_range_sensors(bench: Any, g1: RobotModel) -> None:
-    """What their pictures take here is not a delay of the robot's."""
+def test_simulated_time_waits_for_simulated_range_sensors(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The time to render their images is no latency of the robot."""
     node: RobotDriver = bench.add(RobotDriver, yield_range_sensors=0.03)
     node.commands.on_mode(String(data="stand"))
     for node.tick in range(1, 101):
@@ -322,9 +325,29 @@ def test_simulated_time_waits_for_simulated_range_sensors(bench: Any, g1: RobotM
     publisher = bench.world.create_publisher(Clock, topics.RANGE_SENSORS_TIME, SENSOR)
     bench.wait(publisher.get_subscription_count)
     assert not node.behind  # there are none
-    for measured, waits in ((60, True), (90, False)):
+    for measured, waits in ((60, True), (90, False), (60, True), (0, False), (60, True)):
         publisher.publish(clock_message(measured * 1_000_000))
         bench.wait(lambda waits=waits: node.behind is waits)
+    now = [time.monotonic() + 1.1 * node.config.yield_max]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    assert not node.behind  # their node has ended
+    node.commands.on_mode(String(data="damp"))
+    assert not node.behind
+    node.commands.on_mode(String(data="stand"))
+    for node.tick in range(101, 151):
+        node.publish_tick(0.0)
+    _send(node, g1, 150)
+    assert not node.behind  # still without them
+
+
+def test_time_does_not_wait_for_range_sensors_before_they_have_a_state(bench: Any, g1: RobotModel) -> None:
+    node: RobotDriver = bench.add(RobotDriver, yield_range_sensors=0.02, slow_rate=20.0)
+    node.commands.on_mode(String(data="stand"))
+    for node.tick in range(1, 100):
+        node.publish_tick(0.0)
+    _send(node, g1, 99)
+    node._truth.measured = 50_000_000  # the newest published state
+    assert not node.behind
 
 
 def test_strict_time_waits_for_no_command(bench: Any, g1: RobotModel) -> None:

@@ -8,7 +8,7 @@ from rcl_interfaces.msg import Log
 
 from models.nodes import base, topics
 from models.nodes.base import PoiseNode
-from models.nodes.qos import EVENT, REFUSALS
+from models.nodes.qos import EVENT, LATCHED_EVENT
 
 pytestmark = pytest.mark.ros
 
@@ -38,7 +38,7 @@ def test_a_cause_is_reported_once_then_at_its_tenth_time(bench: Any, monkeypatch
         "cmd_vel refused: header.stamp: 9 ns is not after 94.5 ns (10 times)",
         "cmd_vel refused: another cause",
     ]
-    bench.world.create_subscription(DiagnosticStatus, topics.REFUSALS, reported.append, REFUSALS)  # late
+    bench.world.create_subscription(DiagnosticStatus, topics.REFUSALS, reported.append, LATCHED_EVENT)  # late
     bench.wait(lambda: len(reported) == 3)
     assert (reported[-1].name, reported[-1].message) == ("/refuser", "cmd_vel refused: another cause")
     bench.spin(0.6)
@@ -50,7 +50,9 @@ def test_a_cause_is_reported_once_then_at_its_tenth_time(bench: Any, monkeypatch
 
 def test_causes_at_the_same_time_are_all_reported(bench: Any) -> None:
     reported: list[str] = []
-    bench.world.create_subscription(DiagnosticStatus, topics.REFUSALS, lambda m: reported.append(m.message), REFUSALS)
+    bench.world.create_subscription(
+        DiagnosticStatus, topics.REFUSALS, lambda m: reported.append(m.message), LATCHED_EVENT
+    )
     node = bench.add(Refuser)
     joints = ("foo", "bar", "baz")
     for joint in joints:
@@ -61,7 +63,9 @@ def test_causes_at_the_same_time_are_all_reported(bench: Any) -> None:
 
 def test_a_reason_that_says_refused_gets_no_second_prefix(bench: Any) -> None:
     reported: list[str] = []
-    bench.world.create_subscription(DiagnosticStatus, topics.REFUSALS, lambda m: reported.append(m.message), REFUSALS)
+    bench.world.create_subscription(
+        DiagnosticStatus, topics.REFUSALS, lambda m: reported.append(m.message), LATCHED_EVENT
+    )
     node = bench.add(Refuser)
     node.refuse("mode/stand", "mode 'stand' refused from 'damp': the robot has fallen")
     bench.wait(lambda: reported)

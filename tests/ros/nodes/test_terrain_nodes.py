@@ -181,9 +181,12 @@ def test_sensors_measure_while_subscribed_to_and_come_with_their_latency(bench: 
 
 def test_nothing_is_cast_without_a_subscriber(bench: Any, g1: RobotModel) -> None:
     node = bench.add(RangeSensorNode)
-    world = World(bench, g1, listens=False)
+    world, times = World(bench, g1, listens=False), list[int]()
+    listen = bench.world.create_subscription
+    listen(Clock, topics.RANGE_SENSORS_TIME, lambda message: times.append(stamp_ns(message.clock)), SENSOR)
     for _ in range(20):
         world.tick()
+    assert times and not any(times)
     node.publish_diagnostics()
     assert node.message == "no subscriber" and "newest depth took [ms]" not in node.values
     refused = bench.add(RangeSensorNode, active=False, robot="talos_hardware")
@@ -191,14 +194,19 @@ def test_nothing_is_cast_without_a_subscriber(bench: Any, g1: RobotModel) -> Non
 
 
 def test_a_state_is_measured_in_whichever_order_base_and_joints_arrive(bench: Any, g1: RobotModel) -> None:
-    measured: list[int] = []
-    bench.add(RangeSensorNode)
+    """The time of a state is published after all sensors that are due have measured it."""
+    events: list[tuple[str, int]] = []
+    node = bench.add(RangeSensorNode)
+    publish, casts = node._time.publish, node._casts
+    node._casts = {name: lambda t, cast=cast: (events.append(("cast", t)), cast(t))[1] for name, cast in casts.items()}
+    node._time.publish = lambda message: (events.append(("time", stamp_ns(message.clock))), publish(message))
     world = World(bench, g1)
-    bench.world.create_subscription(
-        Clock, topics.RANGE_SENSORS_TIME, lambda message: measured.append(stamp_ns(message.clock)), SENSOR
-    )
     for world.joints_first in (False, True):
-        world.until(lambda: world.stamp in measured)
+        events.clear()
+        world.until(lambda: ("cast", world.stamp) in events)
+        assert events.index(("time", world.stamp)) > max(i for i, each in enumerate(events) if each[0] == "cast")
+    node.trigger_deactivate()
+    assert events[-1] == ("time", 0)
 
 
 def test_what_waits_is_dropped_when_time_runs_backwards_and_on_activation(bench: Any, g1: RobotModel) -> None:
