@@ -92,7 +92,7 @@ def demo(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for report, plots, film strip and recording; by default out, for the stairs out/stairs."
+            help="Folder for report, plots, film strip and recording; by default out or out/stairs, by scene."
         ),
     ] = None,
     scene: Annotated[
