@@ -64,7 +64,7 @@ def own_motions(robot: str, folder: Path) -> Parameters:
     }
 
 
-STARTING = "starting; where the kernels have not been compiled before, that takes a minute or two"
+STARTING = "starting; where the kernels have not been compiled before, that takes minutes"
 START_TIMEOUT = 900.0  #: Longest wait for the answer of a starting node [s]; the first start compiles
 SPIN_TIMEOUT = 0.05  #: Longest wait for a callback between two checks of the processes [s]
 RESTARTS_MAX = 5  #: Restarts of one process after which the launcher gives up

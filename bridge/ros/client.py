@@ -134,6 +134,16 @@ class Client:
         """``GaitStatus.remarks``; empty before the first status."""
         return self.gait.remarks if self.gait else ""
 
+    @property
+    def blocked(self) -> str:
+        """``GaitStatus.blocked``; empty before the first status."""
+        return self.gait.blocked if self.gait else ""
+
+    @property
+    def unmapped(self) -> str:
+        """``GaitStatus.unmapped``; empty before the first status."""
+        return self.gait.unmapped if self.gait else ""
+
     def _on_status(self, status: SupervisorStatus) -> None:
         self.status = status
         self.mode = self.mode or status.mode.value  # the topic ``mode`` may be discovered later

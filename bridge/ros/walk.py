@@ -2,7 +2,8 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 
 from geometry_msgs.msg import PoseStamped, Twist
@@ -76,6 +77,16 @@ class RobotClock:
         return self._client.wait(lambda: condition() or self.now() > end, math.inf) and condition()
 
 
+@contextmanager
+def _stand_after_interrupt(client: Client) -> Iterator[None]:
+    """Request mode stand when Ctrl-C interrupts a walk, which would continue to its goal."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        client.trigger("mode/stand", at_once=True)
+        raise
+
+
 def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     """Request mode walk, publish a velocity for ``seconds`` of robot time, stop, and wait until the robot stands.
 
@@ -104,18 +115,21 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
         return client.commander == PLAIN and (followed[-1] or not any(velocity))
 
     client.expect(ready, ANSWER_TIMEOUT, "subscriber in mode 'walk' on", topics.CMD_VEL)
-    end = clock.now() + seconds
-    while (left := end - clock.now()) > 0.0 and client.mode == Mode.WALK.value and not client.holds:
-        publisher.publish(message)
-        client.spin(min(PERIOD, left))
+    end, blocked, unmapped = clock.now() + seconds, "", ""
+    with _stand_after_interrupt(client):
+        while (left := end - clock.now()) > 0.0 and client.mode == Mode.WALK.value and not client.holds:
+            publisher.publish(message)
+            client.spin(min(PERIOD, left))
+            blocked, unmapped = client.blocked or blocked, client.unmapped or unmapped
     gait = client.gait
     assert gait is not None  # ensured by ``ready``
-    limit = "".join(f"; {each}" for each in (gait.limited, gait.unmapped) if each)
+    on_the_way = blocked and f"{blocked} on the way"
+    limit = "".join(f"; {each}" for each in (gait.limited, on_the_way, unmapped) if each)
     ended = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
     if not ended and seconds and client.mode == Mode.WALK.value and not client.wait(follows, LIMITING):
         ended = f"the robot does not follow the velocity: {_reasons(client)}"
     if gait.blocked:
-        ended = ended or f"{gait.blocked}, as its {seconds:g} s ended"
+        ended = ended or f"{gait.blocked} (after {seconds:g} s)"
     stood = _stand(client, clock, ended or f"walked for {seconds:g} s{limit}")
     return CommandReply(stood.accepted and not ended, stood.reason)
 
@@ -174,10 +188,11 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
 
     def over() -> bool:
         nonlocal remark
-        remark = client.gait.unmapped if client.gait and client.gait.unmapped else remark
+        remark = client.unmapped or remark
         return routes[-1].state is not RouteState.RUNNING
 
-    clock.wait(over, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
+    with _stand_after_interrupt(client):
+        clock.wait(over, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
     done = routes[-1].state is RouteState.DONE
     if not done:  # the cause may be reported later
         client.wait(lambda: bool(client.obstacle), LATE)

@@ -99,13 +99,38 @@ def test_a_walk_that_the_ground_blocks_says_why_and_where(supervisor: FakeSuperv
     place = "base at x 0.00 m, y 0.00 m, heading 0.00 rad; mode 'stand'"
     with Client() as client:
         reply = walk.walk(client, (0.2, 0.0, 0.0), 0.5)
-        assert (reply.accepted, reply.reason) == (False, f"stopped: a kerb, as its 0.5 s ended; {place}")
+        assert (reply.accepted, reply.reason) == (
+            False,
+            f"stopped: a kerb; this was so at the end of the 0.5 s; {place}",
+        )
         free = supervisor.create_timer(
             1.0, lambda: supervisor.gait.publish(GaitStatus(True, False, "limited", "", "no map"))
         )
         reply = walk.walk(client, (0.2, 0.0, 0.0), 3.0)
-        assert (reply.accepted, reply.reason) == (True, f"walked for 3 s; limited; no map; {place}")
+        assert (reply.accepted, reply.reason) == (
+            True,
+            f"walked for 3 s; limited; stopped: a kerb on the way; no map; {place}",
+        )
         free.cancel()
+
+
+def test_an_interrupted_walk_ends_in_a_stand(supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without it the robot continues to its goal."""
+
+    def interrupt(*_: object) -> bool:
+        raise KeyboardInterrupt
+
+    supervisor.record = replace(supervisor.record, holds=())
+    routes = StatusTopic(supervisor, topics.ROUTE_STATUS)
+    status = RouteStatus(RouteState.RUNNING, 17)
+    supervisor.create_subscription(PoseStamped, topics.GOAL_POSE, lambda _: routes.publish(status), EVENT)
+    margin = supervisor.create_publisher(Float64, topics.GAIT_CAPTURE_MARGIN, SENSOR)
+    supervisor.create_timer(0.05, lambda: margin.publish(Float64()))
+    with Client() as client:
+        monkeypatch.setattr(walk.RobotClock, "wait", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            walk.walk_to(client, (1.0, 0.0, 0.0))
+        assert client.wait(lambda: client.mode == "stand", 5.0)
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
