@@ -101,7 +101,7 @@ def test_a_walk_that_the_ground_blocks_says_why_and_where(supervisor: FakeSuperv
         reply = walk.walk(client, (0.2, 0.0, 0.0), 0.5)
         assert (reply.accepted, reply.reason) == (
             False,
-            f"stopped: a kerb; this was so at the end of the 0.5 s; {place}",
+            f"stopped: a kerb (after 0.5 s); {place}",
         )
         free = supervisor.create_timer(
             1.0, lambda: supervisor.gait.publish(GaitStatus(True, False, "limited", "", "no map"))
