@@ -107,8 +107,9 @@ def walk(
     """Have the running robot walk at a velocity, on /cmd_vel, or to a pose, on /goal_pose, then stand."""
     if to is None and forward is None:
         raise typer.BadParameter("give a velocity, or a pose with --to")
-    if not all(map(math.isfinite, (*(to or ()), forward or 0.0, left, turn))):
-        raise typer.BadParameter("velocities [m/s, m/s, rad/s] and poses [m, m, rad] must be finite")
+    for value in (*(to or ()), forward or 0.0, left, turn):
+        if not math.isfinite(value):
+            raise typer.BadParameter(f"{value}: velocities and poses must be finite")
     if around is not None and to is None:
         raise typer.BadParameter("--around and --over are for walks to a pose: give one with --to")
     with connected(network, namespace) as client:
