@@ -95,7 +95,7 @@ FAULTY_DRIVER = ProcessSpec("benchmarks.graph.faulty_driver", BRIDGE.nodes)
 FAULTY_CONTROL = ProcessSpec("benchmarks.graph.faulty_control", CONTROL.nodes)
 FAULTY_PLANNER = ProcessSpec("benchmarks.graph.faulty_planner", PLANNER.nodes)
 
-NOWHERE = Path("/dev/null/poise")  # a folder that nobody can create, not even root
+NOWHERE = Path("/dev/null/poise")  # a folder that cannot be created, not even by root
 
 
 @dataclass

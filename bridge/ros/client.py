@@ -74,7 +74,7 @@ class Client:
         motions: Every status of a motion, in order.
         status: Newest status of the supervisor; None before the first.
         driver_state: Newest message on ``driver_state``; empty before the first.
-        gait: Newest status of the gait planner; None before the first.
+        gaits: Every status of the gait planner, in order.
         commander: Active command source, from ``commands/active``; empty before the first message.
         factor: Ratio of robot time to real time, 0 while the robot time stands still; NaN before the first message.
         node: The node, for further topics and services inside the ``with`` block.
@@ -85,7 +85,7 @@ class Client:
         self._network, self._signer = network, signer
         self.mode = ""
         self.driver_state = self.commander = ""
-        self.gait: GaitStatus | None = None
+        self.gaits: list[GaitStatus] = []
         self.factor = math.nan
         self.motions: list[MotionStatus] = []
         self.status: SupervisorStatus | None = None
@@ -104,7 +104,7 @@ class Client:
         listen(Float64, topics.REAL_TIME_FACTOR, self._on_factor, LATCHED)
         subscribe_status(self.node, MotionStatus, topics.MOTION_STATUS, self.motions.append)
         subscribe_status(self.node, SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
-        subscribe_status(self.node, GaitStatus, topics.GAIT_STATUS, self._on_gait, LATCHED)
+        subscribe_status(self.node, GaitStatus, topics.GAIT_STATUS, self.gaits.append, LATCHED)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -126,23 +126,15 @@ class Client:
     def _walks(self) -> bool:
         return self.mode == Mode.WALK.value
 
-    def _on_gait(self, status: GaitStatus) -> None:
-        self.gait = status
+    @property
+    def gait(self) -> GaitStatus | None:
+        """Newest status of the gait planner; None before the first."""
+        return self.gaits[-1] if self.gaits else None
 
     @property
     def remarks(self) -> str:
         """``GaitStatus.remarks``; empty before the first status."""
         return self.gait.remarks if self.gait else ""
-
-    @property
-    def blocked(self) -> str:
-        """``GaitStatus.blocked``; empty before the first status."""
-        return self.gait.blocked if self.gait else ""
-
-    @property
-    def unmapped(self) -> str:
-        """``GaitStatus.unmapped``; empty before the first status."""
-        return self.gait.unmapped if self.gait else ""
 
     def _on_status(self, status: SupervisorStatus) -> None:
         self.status = status

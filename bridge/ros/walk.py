@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 
@@ -115,16 +115,16 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
         return client.commander == PLAIN and (followed[-1] or not any(velocity))
 
     client.expect(ready, ANSWER_TIMEOUT, "subscriber in mode 'walk' on", topics.CMD_VEL)
-    end, blocked, unmapped = clock.now() + seconds, "", ""
+    end, first = clock.now() + seconds, len(client.gaits) - 1  # index of the status at the begin
     with _stand_after_interrupt(client):
         while (left := end - clock.now()) > 0.0 and client.mode == Mode.WALK.value and not client.holds:
             publisher.publish(message)
             client.spin(min(PERIOD, left))
-            blocked, unmapped = client.blocked or blocked, client.unmapped or unmapped
     gait = client.gait
     assert gait is not None  # ensured by ``ready``
-    on_the_way = blocked and f"{blocked} on the way"
-    limit = "".join(f"; {each}" for each in (gait.limited, on_the_way, unmapped) if each)
+    reports = client.gaits[first:]
+    blocked = _last(f"{each.blocked} on the way" for each in reports if each.blocked)
+    limit = "".join(f"; {each}" for each in (gait.limited, blocked, _last(each.unmapped for each in reports)) if each)
     ended = client.holds and f"the walk was held after {seconds - left:.1f} s: {client.holds}"
     if not ended and seconds and client.mode == Mode.WALK.value and not client.wait(follows, LIMITING):
         ended = f"the robot does not follow the velocity: {_reasons(client)}"
@@ -132,6 +132,11 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
         ended = ended or f"{gait.blocked} (after {seconds:g} s)"
     stood = _stand(client, clock, ended or f"walked for {seconds:g} s{limit}")
     return CommandReply(stood.accepted and not ended, stood.reason)
+
+
+def _last(texts: Iterable[str]) -> str:
+    """The last of some texts that is not empty; empty without one."""
+    return next(filter(None, reversed([*texts])), "")
 
 
 def _reasons(client: Client) -> str:
@@ -178,26 +183,20 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
         return publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value and bool(margins)
 
     client.expect(begun, ANSWER_TIMEOUT, "subscriber in mode 'walk' on", topics.GOAL_POSE)
-    end = time.monotonic() + ANSWER_TIMEOUT
-    while not routes and time.monotonic() < end:
-        publisher.publish(message)
-        client.wait(lambda: bool(routes), 1.0)
-    if not routes:
-        return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
-    remark = ""
-
-    def over() -> bool:
-        nonlocal remark
-        remark = client.unmapped or remark
-        return routes[-1].state is not RouteState.RUNNING
-
+    end, before = time.monotonic() + ANSWER_TIMEOUT, len(client.gaits)
     with _stand_after_interrupt(client):
-        clock.wait(over, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
+        while not routes and time.monotonic() < end:
+            publisher.publish(message)
+            client.wait(lambda: bool(routes), 1.0)
+        if not routes:
+            return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
+        clock.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
     done = routes[-1].state is RouteState.DONE
     if not done:  # the cause may be reported later
         client.wait(lambda: bool(client.obstacle), LATE)
     why = f"; {client.obstacle}" if client.obstacle and not done else ""
-    why += f"; {remark}" if remark else ""
+    if remark := _last(each.unmapped for each in client.gaits[before:]):
+        why += f"; {remark}"
     stood = _stand(client, clock, f"goal x {goal[0]:.2f} m, y {goal[1]:.2f} m: {routes[-1]}{why}")
     return CommandReply(stood.accepted and done, stood.reason)
 

@@ -1,7 +1,7 @@
 r"""DCM reference over footholds: closed forms of the linear inverted pendulum for each phase.
 
 Symbols: ``xi = c + c'/omega`` is the divergent component of motion, ``p`` the ZMP, ``omega = sqrt(g / z)``. The
-pendulum obeys ``xi' = omega (xi - p)``. A step of duration ``T = T_d + T_s`` begins at the touchdown of the new stance
+pendulum has ``xi' = omega (xi - p)``. A step of duration ``T = T_d + T_s`` begins at the touchdown of the new stance
 foot. In the double support ``T_d``, the ZMP moves at constant speed from the ZMP point of the old stance foot to that
 of the new one. In the single support ``T_s``, it stays there.
 

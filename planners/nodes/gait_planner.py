@@ -85,13 +85,10 @@ class GaitTopics:
         self._report()
 
     def report_ground(self, blocked: str, unmapped: str) -> None:
-        """Report why the robot stands before ground that is not level, and why it walks without a map; empty if not."""
-        blocked = f"stopped: {blocked}" if blocked else ""
-        before, self._blocked, self._unmapped = (self._blocked, self._unmapped), blocked, unmapped
-        if before == (blocked, unmapped):
-            return
-        if blocked not in ("", before[0]):
-            self._log.warning(blocked)
+        """Report new reasons why the robot stands before ground that is not level, and walks without a map."""
+        before, self._blocked, self._unmapped = self._blocked, blocked and f"stopped: {blocked}", unmapped
+        if self._blocked not in ("", before):
+            self._log.warning(self._blocked)
         now = time.monotonic()
         if unmapped and (unmapped != self._warned[0] or now - self._warned[1] > WARNING_PERIOD_S):  # may alternate
             self._warned = unmapped, now

@@ -124,10 +124,12 @@ class GroundWalk:
         return count
 
     def _report_ground(self, *, blocked: str | None = None, unmapped: str | None = None) -> None:
-        """Report the given reasons together with those unchanged."""
+        """Report a change of the given reasons, together with the other one."""
+        before = self._blocked, self._unmapped
         self._blocked = self._blocked if blocked is None else blocked
         self._unmapped = self._unmapped if unmapped is None else unmapped
-        self._report(self._blocked, self._unmapped)
+        if before != (self._blocked, self._unmapped):
+            self._report(self._blocked, self._unmapped)
 
     def _has_planner(self) -> bool:
         """Whether a ground planner is or was present, so that a missing answer is a fault."""
@@ -250,7 +252,7 @@ class GroundWalk:
             side = "ahead" if ahead else "behind" if abs(y) < -x else "to the left" if y > 0.0 else "to the right"
             why = "looking for footsteps" if ahead else "steps up and down are planned ahead only"
             self._report_ground(blocked=f"the ground {side} is not level; {why}")
-        self._stage, self._direction = _Stage.STOP, _bearing(self._velocity)
+        self._stage = _Stage.STOP
         self._stack.hold_velocity(*STILL)
         self._stack.stop()
 

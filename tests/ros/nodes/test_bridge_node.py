@@ -263,13 +263,18 @@ def test_an_obstacle_that_there_is_not_is_refused(bench: Any, bridge: RobotDrive
     assert "start with the terrain 'box' or 'wall'" in answer.result().message
 
 
+def _publish(node: RobotDriver, first: int, last: int) -> None:
+    """Enter mode stand, and publish the sensors of ticks up to the last one."""
+    node.commands.on_mode(String(data="stand"))
+    for node.tick in range(first, last + 1):
+        node.publish_tick(0.0)
+
+
 def test_simulated_time_waits_for_late_commands_but_not_for_ever(
     bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node: RobotDriver = bench.add(RobotDriver, real_time="yield", yield_lag=0.005, yield_max=1.0)
-    node.commands.on_mode(String(data="stand"))
-    for node.tick in range(1, 5):
-        node.publish_tick(0.0)
+    _publish(node, 1, 4)
     assert not node.behind
     for node.tick in range(5, 101):
         node.publish_tick(0.0)
@@ -293,9 +298,7 @@ def test_simulated_time_waits_for_a_supervisor_that_lags(
     bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node: RobotDriver = bench.add(RobotDriver, yield_supervisor=0.06)
-    node.commands.on_mode(String(data="stand"))
-    for node.tick in range(1, 101):
-        node.publish_tick(0.0)
+    _publish(node, 1, 100)
     _send(node, g1, 100)
     assert not node.behind  # it has not judged a state in this mode
     node.commands.judged = 30_000_000
@@ -318,9 +321,7 @@ def test_simulated_time_waits_for_simulated_range_sensors(
 ) -> None:
     """The time to render their images is no latency of the robot."""
     node: RobotDriver = bench.add(RobotDriver, yield_range_sensors=0.03)
-    node.commands.on_mode(String(data="stand"))
-    for node.tick in range(1, 101):
-        node.publish_tick(0.0)
+    _publish(node, 1, 100)
     _send(node, g1, 100)
     publisher = bench.world.create_publisher(Clock, topics.RANGE_SENSORS_TIME, SENSOR)
     bench.wait(publisher.get_subscription_count)
@@ -333,18 +334,14 @@ def test_simulated_time_waits_for_simulated_range_sensors(
     assert not node.behind  # their node has ended
     node.commands.on_mode(String(data="damp"))
     assert not node.behind
-    node.commands.on_mode(String(data="stand"))
-    for node.tick in range(101, 151):
-        node.publish_tick(0.0)
+    _publish(node, 101, 150)
     _send(node, g1, 150)
     assert not node.behind  # still without them
 
 
 def test_time_does_not_wait_for_range_sensors_before_they_have_a_state(bench: Any, g1: RobotModel) -> None:
     node: RobotDriver = bench.add(RobotDriver, yield_range_sensors=0.02, slow_rate=20.0)
-    node.commands.on_mode(String(data="stand"))
-    for node.tick in range(1, 100):
-        node.publish_tick(0.0)
+    _publish(node, 1, 99)
     _send(node, g1, 99)
     node._truth.measured = 50_000_000  # the newest published state
     assert not node.behind
@@ -352,9 +349,7 @@ def test_time_does_not_wait_for_range_sensors_before_they_have_a_state(bench: An
 
 def test_strict_time_waits_for_no_command(bench: Any, g1: RobotModel) -> None:
     node: RobotDriver = bench.add(RobotDriver, real_time="strict")
-    node.commands.on_mode(String(data="stand"))
-    for node.tick in range(1, 101):
-        node.publish_tick(0.0)
+    _publish(node, 1, 100)
     _send(node, g1, 96)
     node.tick = 150
     assert not node.behind
