@@ -54,7 +54,7 @@ class CommandInput:
     optional, records arrivals; ``on_mode_change`` is called after a mode that may have changed the drivers' state.
     Stamps [ns]: ``now`` of the present tick, set by the node; ``stamp`` of the last accepted command; ``due_since`` of
     the tick from which commands are due, 0 before the first mode with motion; ``judged`` of the newest state that the
-    supervisor has checked in the present mode, 0 before the first.
+    supervisor has received in the present mode, since the last restart, 0 before the first.
     """
 
     def __init__(
@@ -74,12 +74,19 @@ class CommandInput:
         self.stamp = 0  # a zero stamp means "now" in a command
         self.judged = 0
         self.due_since = 0
+        self._restarted = 0
         node.listen(JointTrajectory, topics.JOINT_SETPOINTS, self.on_command, COMMAND, raw=True)
         node.listen(String, topics.MODE, self.on_mode, LATCHED)
         node.listen(Clock, topics.SUPERVISOR_TIME, self._on_supervisor, SENSOR)
 
+    def restart(self, stamp: int) -> None:
+        """Restart of the robot at a stamp [ns]; the estimator starts again from the samples after it."""
+        self.judged, self._restarted = 0, stamp
+
     def _on_supervisor(self, message: Clock) -> None:
-        self.judged = stamp_ns(message.clock)
+        stamp = stamp_ns(message.clock)
+        if stamp > self._restarted:
+            self.judged = stamp
 
     def on_command(self, data: bytes) -> None:
         """Callback of a serialised command: pass it to the drivers, or refuse it."""

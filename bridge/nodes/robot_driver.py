@@ -180,6 +180,7 @@ class RobotDriver(PoiseNode):
         if self._simulated is not None:
             settled = self._simulated.settle()
             self._settled = settled if self.lockstep else None
+        self.commands.restart(self.stamp)
         self._status.publish_start(self.stamp)
 
     def _restart_on_request(self, hanging: bool) -> None:
@@ -228,16 +229,18 @@ class RobotDriver(PoiseNode):
         """Whether simulated time waits for the command, the supervisor or the simulated range sensors.
 
         Time waits while one of them refers to a state older than its bound, for at most ``yield_max``. The three waits
-        are independent: without a supervisor, time still waits for commands. Faults of the sensors cause no wait. Range
-        sensors that exceeded ``yield_max`` are not waited for until they measure again.
+        are independent: without a supervisor, time still waits for commands. Time does not wait with faults of the
+        sensors, or for a robot that hangs or was released without commands. Range sensors that exceeded ``yield_max``
+        are not waited for until they measure again.
         """
         if self._simulated is None or self.config.real_time != "yield":
             return False
         given, commands, truth, now = self.config, self.commands, self._truth, time.monotonic()
         due = self.stamp - self._sensor_ticks * self._period_ns
         late = []
-        if self.drivers.awaits_command and not self.simulation.faults.corrupted:
-            if due - max(commands.stamp, commands.due_since) > given.yield_lag * NANOSECONDS:
+        if not self.free_running and not self.simulation.faults.corrupted:
+            answered = max(commands.stamp, commands.due_since)
+            if self.drivers.awaits_command and due - answered > given.yield_lag * NANOSECONDS:
                 late.append(COMMANDS)
             if commands.judged and due - commands.judged > given.yield_supervisor * NANOSECONDS:
                 late.append(SUPERVISOR)

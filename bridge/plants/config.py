@@ -91,7 +91,7 @@ class DriverConfig:
     real_time: Literal["yield", "strict"]
     #: Age of the newest command above which simulated time waits [s]
     yield_lag: Annotated[float, Field(ge=0.001, le=1.0)]
-    #: Age of the newest state checked by the supervisor above which simulated time waits [s]
+    #: Age of the newest state received by the supervisor above which simulated time waits [s]
     yield_supervisor: Annotated[float, Field(ge=0.001, le=1.0)]
     #: Age of the newest state measured by the range sensors above which simulated time waits [s]
     yield_range_sensors: Annotated[float, Field(ge=0.001, le=1.0)]

@@ -139,6 +139,7 @@ class SupervisorNode(PoiseNode):
             self._probe_until += self._listen_time
             if self._auto_stand and self._driver_state == topics.HELD and not law.preflight and not law.faults:
                 self._act_on("auto_stand", self._request_mode(Mode.STAND))
+        self._time.publish(clock_message(self._reports.state_stamp))
         self._publish_mode()
         self._commands.publish()
 
@@ -165,7 +166,6 @@ class SupervisorNode(PoiseNode):
             if [cause_of(hold) for hold in self._law.holds] != held:
                 self.get_logger().warning(f"hold: {'; '.join(self._law.holds) or 'over'}")
                 self._report()
-            self._time.publish(clock_message(self._reports.state_stamp))
             for fault in before:
                 if fault not in self._law.faults:
                     self.get_logger().info(f"over: {fault}")
