@@ -30,6 +30,8 @@ from models.nodes.realtime import use_fifo
 from models.types import JointCommand
 
 PRIORITY = 50  #: SCHED_FIFO priority, above the graph, where permitted
+LAG = 10  #: Steps without a new command after which the time of a slowed robot waits for one [ms]
+WAIT = 0.02  #: Longest wait after each state, below the driver's limit for silent states [s]
 LOOPBACK = """<CycloneDDS><Domain Id="any"><General><Interfaces>
 <NetworkInterface name="lo" multicast="false"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
@@ -159,7 +161,11 @@ class RosSide(TimedSide):
 
 
 class Program:
-    """Paces the robot and answers the calls on the standard input."""
+    """Paces the robot and answers the calls on the standard input.
+
+    With ``speed`` below 1 this machine is known to be too slow for the graph. The time of a robot that stands without
+    rope then also waits for late commands: each state waits up to ``WAIT``.
+    """
 
     def __init__(self, robot: Any, make_side: Callable[[Any], Any], speed: float = 1.0) -> None:
         self._answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
@@ -171,6 +177,8 @@ class Program:
         self.skipped = 0
         self._buffer = b""
         self._done = False
+        self._received = self._received_at = 0  # count of received commands, and tick of the newest
+        self._waiting = (0, 0.0)  # tick that waits for a command, and monotonic end of the wait [s]
         self._stopped_at: int | None = None  # tick of the stop
         self.stop_ms: int | None = None  #: Time from the stop to the first command without stiffness, in ticks [ms]
 
@@ -183,6 +191,9 @@ class Program:
             self.side.take()
             if self._stopped_at is not None and self._limp:
                 self.stop_ms, self._stopped_at = self.robot.tick - self._stopped_at, None
+            if self._waits:
+                time.sleep(0.5 * period)
+                continue
             self.robot.step()
             if self.robot.due:
                 self.side.exchange()
@@ -208,6 +219,18 @@ class Program:
                 name, *arguments = json.loads(line)
                 self._answers.write(json.dumps(getattr(self, name)(*arguments)) + "\n")
                 self._answers.flush()
+
+    @property
+    def _waits(self) -> bool:
+        """Whether the robot's time waits for a late command."""
+        robot = self.robot
+        if robot.received != self._received:
+            self._received, self._received_at = robot.received, robot.tick
+        if self.speed >= 1.0 or robot.hooked or self._limp or not robot.due or robot.tick - self._received_at <= LAG:
+            return False
+        if self._waiting[0] != robot.tick:
+            self._waiting = robot.tick, time.monotonic() + WAIT
+        return time.monotonic() < self._waiting[1]
 
     @property
     def _limp(self) -> bool:
