@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from models.numerics.compiled import njit
 from models.types import Matrix, Vector
@@ -14,6 +15,7 @@ from planners.terrain.config import TerrainMapConfig
 
 _NEIGHBOURS = 5  #: Least number of known neighbours, of 8, for a hole to be closed
 _HOLE = 0.02  #: Largest height difference between these neighbours [m]
+_SPANNED = (3, 3)  #: Cells of a hole that is too narrow for a sole
 
 
 class _Layers(NamedTuple):
@@ -82,11 +84,14 @@ def level_offset(heights: Vector, known: float, roughness: float) -> float | Non
 
 
 def off_level(heights: Matrix, level: float, most: float) -> Matrix:
-    """Penalty of heights (any shape) that are off a level by more than ``most`` [m], in cells; 0 for others and nan.
+    """Penalty of heights (n, m) that are off a level by more than ``most`` [m], in cells; 0 for others and nan.
 
-    A lower cell counts 1, a higher one its height over ``most``: a sole spans a narrow hole, but not a post.
+    A higher cell counts its height over ``most``, a lower one 1, and none in a hole that a sole spans.
     """
-    rise = heights - level
+    known = np.isfinite(heights)
+    around = ndimage.grey_dilation(np.where(known, heights, -np.inf), _SPANNED)
+    spanned = ndimage.grey_erosion(np.where(np.isfinite(around), around, np.inf), _SPANNED)
+    rise = np.where(known, spanned, np.nan) - level
     off: Matrix = np.where(np.abs(rise) > most, np.maximum(rise / most, 1.0), 0.0)
     return off
 

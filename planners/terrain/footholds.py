@@ -144,7 +144,7 @@ class GroundPlanner:
         start = min(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
         ways = np.arange(start, query.distance + self._ground.points[:, 0].max(), ground.cell)
         sides = np.arange(-half, half + 1e-6, ground.cell)
-        heights = ground.at(_lattice(query.line, ways, sides))
+        heights = ground.at(_lattice(query.line, ways, sides)).reshape(len(ways), len(sides))
         level = float(np.mean([sole.z for sole in query.feet]))
         unknown = np.isnan(heights)
         if unknown.any():

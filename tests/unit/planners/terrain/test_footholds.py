@@ -411,11 +411,19 @@ def test_a_plan_that_the_gait_refuses_ends_with_its_reason() -> None:
 
 @pytest.mark.parametrize(
     ("rise", "cells", "free"),
-    [(0.04, 4, True), (0.04, 5, False), (-0.04, 5, True), (-0.04, 6, False), (0.2, 1, False)],
+    [
+        (0.04, (1, 4), True),
+        (0.04, (1, 5), False),
+        (0.2, (1, 1), False),
+        (-0.04, (2, 20), True),
+        (-0.04, (3, 3), False),
+    ],
 )
-def test_a_detour_passes_over_a_few_cells_off_the_level(rise: float, cells: int, free: bool) -> None:
+def test_a_detour_passes_over_low_ground_and_holes_that_a_sole_spans(
+    rise: float, cells: tuple[int, int], free: bool
+) -> None:
     heights = np.zeros((100, 100))
-    heights[60, 48 : 48 + cells] = rise  # 0.2 m ahead
+    heights[60 : 60 + cells[0], 48 : 48 + cells[1]] = rise  # 0.2 m ahead
     assert (detour(Heights(heights, (-1.0, -1.0), 0.02), START, 0.8, 0.2, PLAN) == []) is free
 
 
