@@ -294,7 +294,7 @@ class Graph:
                     raise PoiseError(f"{process.spec.module} ended with code {process.exit_code} while starting")
             self._supervise([each for each in self._processes if not each.spec.nodes])  # only the guard of a real robot
 
-        change_state(self.node, spin, names, transition, START_TIMEOUT)
+        change_state(self.node, spin, names, transition, START_TIMEOUT, self._say)
 
     def _tick(self, timeout: float = SPIN_TIMEOUT) -> None:
         self._executor.spin_once(timeout_sec=timeout)

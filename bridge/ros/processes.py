@@ -202,6 +202,7 @@ _UNCONFIGURED, _INACTIVE = State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE
 _GOALS = {CONFIGURE: _INACTIVE, ACTIVATE: State.PRIMARY_STATE_ACTIVE, DEACTIVATE: _INACTIVE}
 _STARTS = {CONFIGURE: _UNCONFIGURED, ACTIVATE: _INACTIVE, DEACTIVATE: State.PRIMARY_STATE_ACTIVE}
 
+REPORT_PERIOD = 10.0  #: Time between two reports of the nodes that are awaited [s]
 ASK_AGAIN = 1.0  #: Time without an answer after which a node's state is requested [s]
 
 
@@ -254,20 +255,35 @@ class _Change:
         self._node.destroy_client(self._get)
 
 
-def change_state(node: Any, spin: Callable[[], None], names: Sequence[str], transition: int, timeout: float) -> None:
+def change_state(
+    node: Any,
+    spin: Callable[[], None],
+    names: Sequence[str],
+    transition: int,
+    timeout: float,
+    say: Callable[[str], object] = lambda text: None,
+) -> None:
     """Request a transition (``CONFIGURE``, ``ACTIVATE`` or ``DEACTIVATE``) of several nodes at once and wait for all.
 
     ``spin`` serves callbacks for a short time; it raises to abort. Raises ``PoiseError`` with the name of a node that
-    refuses or does not answer within ``timeout`` [s].
+    refuses or does not answer within ``timeout`` [s]. ``say`` receives the nodes that are awaited, every
+    ``REPORT_PERIOD`` seconds.
     """
-    end = time.monotonic() + timeout
+    begin = time.monotonic()
+    end, report = begin + timeout, begin + REPORT_PERIOD
     changes = [_Change(node, name, transition) for name in names]
     try:
         while left := [change for change in changes if not change.done]:
             for change in left:
                 change.update()
             spin()
-            if time.monotonic() > end:
+            if (now := time.monotonic()) > report:
+                report = now + REPORT_PERIOD
+                awaited = ", ".join(change.name for change in left)
+                say(
+                    f"waiting for '{_LABELS[transition]}' of {awaited} for {now - begin:.0f} s, at most {timeout:.0f} s"
+                )
+            if now > end:
                 late = ", ".join(change.name for change in left)
                 kept = "what was compiled is kept: try again"
                 raise PoiseError(f"{late}: no answer to '{_LABELS[transition]}' in {timeout:.0f} s; {kept}")

@@ -130,6 +130,14 @@ def test_a_node_that_is_at_the_goal_already_has_been_brought_there(bench: Any) -
         change_state(bench.world, lambda: bench.spin(0.01), ["motion_planner"], CONFIGURE, 30.0)
 
 
+def test_the_nodes_that_are_awaited_are_named_from_time_to_time(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bridge.ros.processes.REPORT_PERIOD", 0.1)
+    said: list[str] = []
+    with pytest.raises(PoiseError, match="absent: no answer to 'configure'"):
+        change_state(bench.world, lambda: bench.spin(0.01), ["absent"], CONFIGURE, 0.5, said.append)
+    assert said and "waiting for 'configure' of absent" in said[0]
+
+
 def test_ranges_of_parameters() -> None:
     bounds = describe("x", high=0.0).floating_point_range[0]
     assert (bounds.from_value < -1e300, bounds.to_value) == (True, 0.0)
