@@ -20,13 +20,17 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="Measure speed and stability; exits 0 only when every bound holds.")
 
 CONTENDER_HELP = "Test another controller instead of poise's: module:Class or policy.yaml; docs/contenders.md."
-SIZE_HELP = "Try only pushes of this impulse over mass [m/s], at every moment; the largest is searched otherwise."
-DIRECTIONS_HELP = "Headings, evenly spread, with that of the first in degrees: 16, 8+22.5 (between those of 8)."
+SIZE_HELP = "Apply only pushes of this impulse over mass [m/s], in every phase; by default the largest is searched."
+DIRECTIONS_HELP = (
+    "Number of evenly spread directions, and angle of the first [deg]: 16, or 8+22.5 (between those of 8)."
+)
 
-Workers = Annotated[int, typer.Option(min=1, help="Processes that measure at the same time.")]
-Scheduler = Annotated[str, typer.Option(help="Measure by the workers of this dask scheduler, such as tcp://HOST:8786.")]
+Workers = Annotated[int, typer.Option(min=1, help="Number of processes that run cases in parallel.")]
+Scheduler = Annotated[
+    str, typer.Option(help="Run the cases on workers of this dask scheduler, such as tcp://HOST:8786.")
+]
 ResultsPath = Annotated[
-    Path | None, typer.Option("--results", help="Keep finished cases in this file, and skip those that are there.")
+    Path | None, typer.Option("--results", help="File of finished cases; cases that it already contains are skipped.")
 ]
 
 
@@ -62,8 +66,8 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
     @app.command(name, help=first.about)
     def run(
         robot: Annotated[str, typer.Option(help="Robot profile.")] = "g1",
-        seeds: int | None = typer.Option(None, min=1, help=f"How many seeds; usually {usual}."),
-        first_seed: Annotated[int | None, typer.Option(min=0, help="First seed; usually 0.")] = None,
+        seeds: int | None = typer.Option(None, min=1, help=f"Number of seeds; {usual} by default."),
+        first_seed: Annotated[int | None, typer.Option(min=0, help="First seed; 0 by default.")] = None,
         workers: Workers = 1,
         scheduler: Scheduler = "",
         results: ResultsPath = None,
@@ -93,13 +97,13 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
         with report_errors(console):
             if contender and not listed.info.contender:
                 others = ", ".join(dict.fromkeys(each.command for each in catalogue().values() if each.info.contender))
-                raise ConfigError(f"bench {name} takes no contender; these do: {others}")
+                raise ConfigError(f"bench {name} has no --contender; these benchmarks have: {others}")
             if chosen and not first.choice:
-                raise ConfigError(f"bench {name} has no scenarios to choose from")
+                raise ConfigError(f"bench {name} has no --{choice}: it always runs all cases")
             if size and choice != "direction":
-                raise ConfigError(f"bench {name} has no pushes of a size")
+                raise ConfigError(f"bench {name} has no --size: it applies no pushes")
             if directions and choice != "direction":
-                raise ConfigError(f"bench {name} has no directions to choose from")
+                raise ConfigError(f"bench {name} has no --directions: it applies no pushes")
             if json is not None:
                 check_file(json)
             if plot is not None:
@@ -111,7 +115,9 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
                 options = Options(robot, number, first_seed, workers, chose, directions, size, contender, sweep)
                 report = benchmark.run(options)
                 if sweep.results is not None:
-                    console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured: {results}")
+                    console.print(
+                        f"{sweep.results.found} cases already finished, {sweep.results.added} measured: {results}"
+                    )
         if contender:
             report.notes.insert(0, f"contender: {contender}")
         print_report(report, console)
@@ -129,8 +135,8 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
 
 @app.command("draw")
 def draw(
-    report: Annotated[Path, typer.Argument(help="Report that --json of a benchmark wrote.")],
-    folder: Annotated[Path, typer.Argument(help="Where the plots go.")],
+    report: Annotated[Path, typer.Argument(help="Report that a benchmark wrote with --json.")],
+    folder: Annotated[Path, typer.Argument(help="Folder for the plots.")],
 ) -> None:
     """Draw the plots of a report again, without measuring anything."""
     from benchmarks.core.harness import read_json
@@ -152,10 +158,12 @@ for _name, _modes in groupby(catalogue().values(), key=lambda each: each.command
 
 @app.command("all")
 def run_all(
-    quick: Annotated[bool, typer.Option("--quick/--full", help="Minutes with few cases, or hours with all.")] = True,
-    out: Annotated[Path, typer.Option("--out", help="Where cases, report and plots go; a rerun goes on there.")] = Path(
-        "out/bench"
-    ),
+    quick: Annotated[
+        bool, typer.Option("--quick/--full", help="Few cases, in minutes, or all cases, in hours.")
+    ] = True,
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for cases, report and plots; a rerun resumes there.")
+    ] = Path("out/bench"),
     workers: Workers = 2,
     scheduler: Scheduler = "",
 ) -> None:
@@ -169,7 +177,7 @@ def run_all(
         with open_sweep(workers, scheduler, out / CASES) as sweep:
             passed = run_suite(parts_of(name), catalogue(), out, sweep, console, name)
             if sweep.results is not None:
-                console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured")
+                console.print(f"{sweep.results.found} cases already finished, {sweep.results.added} measured")
         with writing(out):
             files = write_report(out)
     console.print(f"report: {files[0]}, {files[1]}", soft_wrap=True)
@@ -178,9 +186,10 @@ def run_all(
 
 @app.command("report")
 def report(
-    folder: Annotated[Path, typer.Argument(help="Folder that --out of all named.")],
+    folder: Annotated[Path, typer.Argument(help="Folder of poise bench all, its --out.")],
     docs: Annotated[
-        Path | None, typer.Option(help="Write page, plots and figures here instead, as a repository keeps them.")
+        Path | None,
+        typer.Option(help="Write page, plots and figures to this folder instead, without cases, for a repository."),
     ] = None,
 ) -> None:
     """Build the report of all benchmarks again from their JSON lines, without measuring anything."""

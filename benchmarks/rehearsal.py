@@ -25,11 +25,12 @@ COLD = 35.0  #: Temperature of all motors when not hot [degree Celsius]
 LOW, FULL = 41.0, 50.0  #: Voltage of an empty and of a full battery [V]
 HELP = """\
   press   press and release button B of the remote controller
-  lower   let out the rope at 5 cm/s         free   take the rope off its hook
-  raise   tie the rope and wind it up        push   12 N.s to the left
-  hot, cold   motors at 91 or 35 degrees     empty, full battery at 41 or 50 V
-  other, alone   another program commands    type4, type5   mode_machine
-  cut, plug   the cable                      show   the true state      end"""
+  lower   let out the rope at 5 cm/s         free   unhook the rope
+  raise   hook the rope and wind it up       push   12 N.s to the left
+  hot, cold   motors at 91 or 35 degC        empty, full   battery at 41 or 50 V
+  other, alone   start, stop commands of another program
+  type4, type5   set mode_machine
+  cut, plug   disconnect, connect the cable  show   the true state      end"""
 
 
 def press(robot: RobotProcess) -> None:
@@ -74,16 +75,18 @@ ACTS: dict[str, Callable[[RobotProcess], object]] = {
 def act(robot: RobotProcess, word: str) -> str:
     """Perform the act of a word and return the text to print."""
     if word not in ACTS:
-        return f"unknown word '{word}'; known:\n{HELP}"
+        return f"unknown command '{word}'; known:\n{HELP}"
     done = ACTS[word](robot)
     return done if isinstance(done, str) else state(robot)
 
 
 @app.command()
 def rehearse(
-    domain: Annotated[int, typer.Option(min=1, help="DDS domain of the simulated robot; a real one has 0.")] = 78,
+    domain: Annotated[int, typer.Option(min=1, help="DDS domain of the simulated robot; a real robot uses 0.")] = 78,
     robot: Annotated[str, typer.Option(help="Profile of the simulated robot.")] = "g1",
-    speed: Annotated[float, typer.Option(min=0.1, help="Of its time over real time; less on a slow machine.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option(min=0.1, help="Ratio of simulated to real time; smaller on a slow machine.")
+    ] = 1.0,
 ) -> None:
     """Hang a simulated G1 from its gantry behind Unitree's protocol on loopback, to practise docs/real_robot.md."""
     from benchmarks.graph.robot_process import RobotProcess
@@ -97,7 +100,7 @@ def rehearse(
             console.print(
                 f"{state(process)}\nin another terminal:\n"
                 f"  poise up --robot g1 --plant unitree --network-interface lo --robot-domain {domain}\n"
-                f"and then what it asks for; here:\n{HELP}",
+                f"then follow poise status there; commands here:\n{HELP}",
                 markup=False, highlight=False, soft_wrap=True,
             )  # fmt: skip
             while (word := console.input("> ").strip().lower()) != "end":

@@ -154,7 +154,7 @@ class Benchmark(ABC):
         colours = ["C0" if bounds[name].holds(report.figures[name]) else "C3" for name in shares]
         axes.barh([f"{name} ({bounds[name]})" for name in shares], list(shares.values()), color=colours)
         axes.axvline(1.0, color="k", linewidth=0.8, linestyle="--")
-        axes.set_xlabel("figure over its bound (1 more than it where that is 0); red where the bound does not hold")
+        axes.set_xlabel("figure / bound (1 + figure where the bound is 0); red: the bound does not hold")
         axes.set_title(f"{report.bench}, {report.who}, seeds: {report.seeds}", fontsize=10)
         return [saved(figure, folder / f"{report.bench}-{report.stem}.png")]
 
@@ -237,7 +237,7 @@ class Listed:
         try:
             module = import_module(self.module)
         except ModuleNotFoundError as error:
-            advice = "for ROS 2: pip install 'poise[ros]' (x86-64 Linux), or source a ROS 2 Jazzy"
+            advice = "for ROS 2: pip install 'poise[ros]' (x86-64 Linux), or source ROS 2 Jazzy"
             raise PoiseError(f"bench {self.command}: {error}; {advice}") from error
         found = [
             each

@@ -21,10 +21,11 @@ HERE, THERE = "10.213.0.1", "10.213.0.2"
 FIRST, SECOND = "10.213.1.2", "10.213.2.2"
 """Addresses of the two machines on either side of the router."""
 
+LINK_TIME = 20.0  #: Maximum wait for an interface to be up [s]
 ERROR_MAX = 2000  #: Maximum length of a program's error output in a message [characters]
 
 REMEDY = (
-    "install util-linux and iproute2, and run as root or permit namespaces to users: "
+    "install util-linux and iproute2, and run as root or enable user namespaces: "
     "sysctl kernel.unprivileged_userns_clone=1 (Debian), kernel.apparmor_restrict_unprivileged_userns=0 (Ubuntu)"
 )
 
@@ -41,11 +42,11 @@ def isolation() -> tuple[str, ...]:
                 [*command, "sh", "-c", trial], capture_output=True, text=True, timeout=20, check=False
             )
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise Unavailable(f"no network namespaces here: {error}; {REMEDY}") from error
+            raise Unavailable(f"network namespaces are not available: {error}; {REMEDY}") from error
         if done.returncode == 0:
             return command
         why = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit code {done.returncode}"
-    raise Unavailable(f"no network namespaces here: {why}; {REMEDY}")
+    raise Unavailable(f"network namespaces are not available: {why}; {REMEDY}")
 
 
 def plain_environment(root: Path, folder: Path) -> dict[str, str]:
@@ -91,12 +92,15 @@ def run_program(
     except subprocess.TimeoutExpired as error:
         raise PoiseError(f"{words[0]} {words[1]} has not ended after {timeout:g} s") from error
     if done.returncode:
-        raise PoiseError(f"exit code {done.returncode}: {done.stderr[-ERROR_MAX:].strip()}")
+        raise PoiseError(f"{' '.join(words[:2])}: exit code {done.returncode}: {done.stderr[-ERROR_MAX:].strip()}")
     last = done.stdout.strip().rpartition("\n")[2]
     try:
         return json.loads(last)
     except json.JSONDecodeError as error:
-        raise PoiseError(f"no JSON but '{last[-ERROR_MAX:]}': {done.stderr[-ERROR_MAX:].strip()}") from error
+        raise PoiseError(
+            f"{' '.join(words[:2])}: last line of the output is not JSON: '{last[-ERROR_MAX:]}'; "
+            f"errors: {done.stderr[-ERROR_MAX:].strip() or 'none'}"
+        ) from error
 
 
 @contextmanager
@@ -167,8 +171,8 @@ def _ip(*words: str, inside: Sequence[str] = ()) -> str:
 
 def _plugged(end: str, inside: Sequence[str] = ()) -> None:
     """Wait for the interface: it comes up to a second late, and participants ignore one that is down at their start."""
-    give_up = time.monotonic() + 20.0
+    give_up = time.monotonic() + LINK_TIME
     while " UP " not in _ip("-brief", "link", "show", end, inside=inside):
         if time.monotonic() > give_up:
-            raise PoiseError(f"{end} does not come up")
+            raise PoiseError(f"interface {end} is not up after {LINK_TIME:g} s")
         time.sleep(0.01)

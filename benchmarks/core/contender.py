@@ -62,7 +62,7 @@ def load(name: str) -> Contender:
         ) from error
     lacking = [part for part in ("torque_controlled", "reset", "set_velocity", "step") if not hasattr(contender, part)]
     if lacking:
-        raise ConfigError(f"contender '{name}' lacks {', '.join(lacking)}")
+        raise ConfigError(f"contender '{name}' has no {', '.join(lacking)}; docs/contenders.md describes the interface")
     return contender
 
 
@@ -134,7 +134,7 @@ class ContenderLoop(ClosedLoop):
 
     def command(self, text: str) -> CommandReply:
         """Accept a command without effect: a contender accepts velocities only."""
-        return CommandReply(True, f"'{text}' left to set_velocity")
+        return CommandReply(True, f"'{text}' has no effect: a contender accepts velocities only")
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
         self._laws.contender.set_velocity(forward, left, turn)

@@ -64,8 +64,8 @@ class DaskWorkers(Executor):
             asyncio.run(asyncio.wait_for(_ask(self._address), CONNECT_TIME))
             self._client = Client(self._address, timeout=CONNECT_TIME)
         except Exception as error:  # any server may answer, with any error
-            why = str(error) or f"silent for {CONNECT_TIME:g} s"
-            raise WorkersError(f"{self._name}: no answer of a scheduler: {why}") from error
+            why = str(error) or f"no answer within {CONNECT_TIME:g} s"
+            raise WorkersError(f"{self._name}: no connection to a dask scheduler: {why}") from error
         return self._client
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
@@ -116,12 +116,12 @@ class DaskWorkers(Executor):
         raise self._lost()
 
     def _lost(self) -> WorkersError:
-        kept = "what is finished is in the file of --results, or of the suite, and the same command goes on there"
-        return WorkersError(f"{self._name}: the scheduler has ended or cannot be reached any more; {kept}")
+        kept = "finished cases are in the file of --results, or of the suite; the same command resumes from them"
+        return WorkersError(f"{self._name}: the scheduler has ended or is unreachable; {kept}")
 
     def _refuse_to_wait(self, alone: float) -> None:
         if alone > ALONE_TIME:
-            start = f"start some: dask worker {self._address} --nworkers 2 --nthreads 1"
+            start = f"start workers: dask worker {self._address} --nworkers 2 --nthreads 1"
             raise WorkersError(f"{self._name}: no worker for {ALONE_TIME:.0f} s; {start}")
 
     def _taken(self, done: object) -> Done:
@@ -132,9 +132,9 @@ class DaskWorkers(Executor):
             raise self._lost()
         error = done[1]
         if isinstance(error, KilledWorker):
-            raise PoiseError(f"a case has killed worker after worker: {error}") from error
+            raise PoiseError(f"several workers ended while they ran the same case: {error}") from error
         if isinstance(error, ImportError) and "benchmarks" in str(error.name):
             raise WorkersError(
-                f"{self._name}: a worker has not this poise: {error}; start it in the environment of this command"
+                f"{self._name}: a worker cannot import poise: {error}; start it in the environment of this command"
             ) from error
         raise error.with_traceback(done[2])

@@ -120,16 +120,16 @@ def advice(machine: Machine) -> list[str]:
     if not machine.locked:
         found.append("permit locked memory: '@GROUP - memlock unlimited' in /etc/security/limits.d")
     if machine.cores < CORES_MIN:
-        found.append(f"{machine.cores} core: bridge and laws wait for each other; give it {CORES_MIN} at least")
+        found.append(f"cores: {machine.cores}; driver and laws wait for each other: provide {CORES_MIN} or more")
     if machine.governor and machine.governor != "performance":
         found.append(f"CPU governor '{machine.governor}': set 'performance' (cpupower frequency-set -g performance)")
     if not machine.isolated and machine.cores > CORES_MIN:
         found.append("no isolated core: boot with isolcpus=N and set realtime.cores of the control nodes to [N]")
     if not machine.realtime_kernel:
-        found.append("the kernel is not PREEMPT_RT: a tail of some ms remains under load")
+        found.append("the kernel is not PREEMPT_RT: latencies of some ms remain under load")
     if machine.fifo and machine.throttled < 1.0:
         share = f"{100.0 * machine.throttled:.0f} %"
-        found.append(f"real-time processes get {share} of each core: of several graphs, one alone may run SCHED_FIFO")
+        found.append(f"real-time processes get {share} of each core: use SCHED_FIFO for one graph only")
     if 0 < machine.receive_buffer < BUFFER_MIN:
         found.append(
             f"net.core.rmem_max is {machine.receive_buffer} B: recorders lose samples; "

@@ -175,7 +175,7 @@ class ResultsFile(AbstractContextManager["ResultsFile"]):
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             self._file.close()
-            raise ConfigError(f"{path}: another sweep writes to it") from error
+            raise ConfigError(f"{path}: in use by another sweep; wait for its end, or name another file") from error
         try:
             lines = read_lines(path)
         except ConfigError:

@@ -121,7 +121,7 @@ def _stand_in_walk(loop: ClosedLoop) -> Steps:
     while loop.mode is Mode.WALK:
         yield None
     if loop.gait.walking:
-        yield failure("stands during a step")
+        yield failure("mode stand was entered during a step")
 
 
 def _walk_damped(loop: ClosedLoop) -> Steps:
@@ -239,7 +239,7 @@ def _lift(loop: ClosedLoop) -> Steps:
     loop.set_velocity(FORWARD, 0.0, 0.0)
     yield from pause(loop, 2.5)
     if not loop.gait.steps > steps:
-        yield failure("does not walk on")
+        yield failure("does not continue to walk")
 
 
 def _stand_in_the_way(loop: ClosedLoop) -> Steps:
@@ -252,11 +252,11 @@ def _stand_in_the_way(loop: ClosedLoop) -> Steps:
     yield from pause(loop, 6.0)
     left = face - float(loop.truth.q[0] + reach)
     if loop.gait.walking or not 0.1 < left < FREE_WAY:
-        yield failure(f"does not stand before the box: {left:.2f} m are left")
+        yield failure(f"does not stand in front of the box: distance {left:.2f} m")
     loop.plant.obstacle.remove()
     yield from pause(loop, 3.5)
     if not loop.gait.walking:
-        yield failure("does not walk on when the way is free")
+        yield failure("does not continue to walk after the box was removed")
 
 
 def _changed(find: Callable[[ClosedLoop], Any], method: str, change: Callable[[Any], Any], ticks: int) -> Act:

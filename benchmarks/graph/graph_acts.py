@@ -121,7 +121,7 @@ def replayed(stage: GraphStage) -> Iterator[float]:
     stage.graph.send(signed.replace("walk", "wave"))
     yield SPIN_TIMEOUT
     stage.graph.send(signed)
-    stage.graph.wait_for(lambda: stage.graph.mode == "walk", WATCH, "walking as a signed command says")
+    stage.graph.wait_for(lambda: stage.graph.mode == "walk", WATCH, "walking after a signed command")
     stage.ask("mode/stand")
     stage.graph.wait_for(lambda: stage.graph.mode == "stand", WATCH, "standing again")
     stage.graph.send(signed)

@@ -58,7 +58,9 @@ class RobotProcess:
             self._process.wait(5.0)
         errors = self._log.read_text(encoding="utf-8", errors="replace")[-ERROR_MAX:].strip()
         code = self._process.returncode
-        raise PoiseError(f"the robot's process has ended at '{name}', exit code {code}; {self._log.name}: {errors}")
+        raise PoiseError(
+            f"the process of the robot ended during '{name}': exit code {code}; {self._log.name}: {errors}"
+        )
 
     def close(self) -> None:
         """End the process."""

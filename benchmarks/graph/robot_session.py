@@ -93,7 +93,9 @@ class Session(ABC):
         try:
             return float(self.value(name))
         except ValueError as error:
-            raise PoiseError(f"'{name}' in the diagnostics of the driver is '{self.value(name)}', no number") from error
+            raise PoiseError(
+                f"'{name}' in the diagnostics of the driver is not a number: '{self.value(name)}'"
+            ) from error
 
     def pass_time(self, time_s: float) -> None:
         """Spin until the robot time has advanced; it may be slower than real time on a busy machine."""
@@ -103,7 +105,7 @@ class Session(ABC):
             self.graph.spin(0.1)
             self.update()
             if time.monotonic() > give_up:
-                raise PoiseError("the robot's time stands still")
+                raise PoiseError("the robot's time does not advance fast enough")
 
     def walk(self, speed: float, time_s: float, pause_s: float) -> tuple[Vector, Vector]:
         """Walk, stop and pause.
@@ -268,7 +270,7 @@ class HardwareSession(Session):
         self.wait_for(lambda: "press it" in self.waits_for or self.start_state == "gantry", "ready to start")
         if self.start_state != "gantry":
             self.robot("press", BUTTONS.index("B"))
-            self.wait_for(lambda: "button B of" in self.waits_for, "aware of the button")
+            self.wait_for(lambda: "button B of" in self.waits_for, "reporting the pressed button")
             self.robot("press")
         self.reach("gantry")
         self._call(f"{topics.START}confirm_gantry")

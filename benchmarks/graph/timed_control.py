@@ -38,7 +38,7 @@ class StagedEstimator(StateEstimatorNode):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        text = "Where to write when each stage of a tick ended; empty for nowhere"
+        text = "File for the end times of the stages of each tick; empty for none"
         self._file = declare(self, "latency_file", "", text)
 
     def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any, **options: bool) -> None:

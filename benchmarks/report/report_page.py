@@ -82,7 +82,7 @@ def _pushes(robot: str, report: Report) -> Iterator[Limited]:
         ratios = [(case["dv"] / value if value > 0.0 else 0.0, case, value) for case, value in shown]
         if ratios:  # empty if the DCM was already outside of the soles
             ratio, case, value = min(ratios, key=lambda row: row[0])
-            what = f"push, {DOING[report.bench]}, weakest against it: {direction_name(case['angle'])}"
+            what = f"push, {DOING[report.bench]}, direction of the smallest ratio: {direction_name(case['angle'])}"
             yield Limited(what, robot, case["dv"], limit, value, "m/s", ratio)
 
 
@@ -161,7 +161,7 @@ def missing(progress: Progress) -> list[str]:
     state = str(progress)
     rows = [[part.bench, part.robot, part.state] for part in progress.missing if part.total or part.earlier]
     untouched = [f"{part.bench} {part.robot}" for part in progress.missing if not (part.total or part.earlier)]
-    again = f"`poise bench all --{progress.suite}` with the same `--out` goes on."
+    again = f"`poise bench all --{progress.suite}` with the same `--out` resumes it."
     return [
         f"**{state[0].upper()}{state[1:]}.** {again}",
         "",
@@ -193,12 +193,18 @@ def limits(reports: Reports) -> list[str]:
     if not rows:
         return []
     text = (
-        "Each limit is computed in the same run. Of a push, more is better, and a ratio above 1 is what arms and torso "
-        "add to the pendulum; directions whose limit is 0, the DCM being beyond the soles already, are left out, "
-        "but for those in which no push is taken: their ratio is 0. Of a time, less is better, and 1 would be the "
-        "limit itself."
+        "Each limit is computed in the same run. For pushes a larger ratio is better; a ratio above 1 is the "
+        "contribution of arms and torso, which the pendulum lacks. Directions with a limit of 0 (the DCM is already "
+        "outside of the soles) are omitted if a push is taken; otherwise their ratio is 0. For times a smaller ratio "
+        "is better, and 1 is the limit."
     )
-    return ["## Limits", "", text, "", *table(["figure", "robot", "measured", "limit", "its value", "ratio"], rows)]
+    return [
+        "## Limits",
+        "",
+        text,
+        "",
+        *table(["figure", "robot", "measured", "limit", "value of the limit", "ratio"], rows),
+    ]
 
 
 def figures(reports: Reports) -> list[str]:
@@ -255,13 +261,12 @@ PICTURES: tuple[tuple[str, str, Callable[[Reports], Figure | None]], ...] = (
     ("State estimation", "estimator", report_plots.draw_estimator),
     ("Delay margin", "delay-margin", report_plots.draw_delays),
 )
-GUIDE = """Simulated in MuJoCo with sensor noise and delay, the laws seeing sensors only. The summary has a row for each
-benchmark and robot: whether all its bounds hold, its key figures with their bounds in parentheses (bold
-where one does not hold), and the command that measures the row again. Under it stands what is broken, in the
-benchmark's own words. Then come the limits that physics or the machine set, as ratios, pictures, and the other figures.
-Times are of one shared machine and change with what else it does (its load stands in the last table); ratios of one run
-and what happens in simulated time change less. Intervals are Wilson's, of 95 %: one seed says little about a share, and
-they show it."""
+GUIDE = """Simulated in MuJoCo with sensor noise and delay; the laws use sensors only. The summary has a row for each
+benchmark and robot: whether all bounds hold, the key figures with their bounds in parentheses (bold where a bound does
+not hold), and the command that repeats the measurement. Below it are the notes of benchmarks that failed. Then follow
+the ratios to the limits set by physics or by the machine, plots, and the other figures. Times are from one shared
+machine and depend on its load, which is in the last table; ratios within one run, and results in simulated time, vary
+less. Intervals are 95 % Wilson intervals: they are wide for a share that was measured with few seeds."""
 
 STYLE = """body{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #ccc;padding:.2em .6em;text-align:left}

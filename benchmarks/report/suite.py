@@ -116,7 +116,7 @@ class Missing:
     def state(self) -> str:
         """State as text."""
         state = f"{self.done} of {self.total} cases" if self.total else "not begun"
-        return f"{state}; reported: an earlier measurement" if self.earlier else state
+        return f"{state}; the report shows an earlier measurement" if self.earlier else state
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ class Progress:
         begun = [part for part in self.missing if part.total]
         done, total = sum(part.done for part in begun), sum(part.total for part in begun)
         finished = f"partial: {self.parts - len(self.missing)} of {self.parts} parts of --{self.suite} are finished"
-        left = f"{done} of {total} cases of the unfinished that have begun, {len(self.missing) - len(begun)} not begun"
+        left = f"parts in progress: {done} of {total} cases; parts not begun: {len(self.missing) - len(begun)}"
         return f"{finished}; {left}" if self.missing else ""
 
 

@@ -130,7 +130,7 @@ def measure(robot: str, seed: int) -> Case:
     advance(loop, config.warm_up)
     law = loop.controller
     if not isinstance(law, BalanceController):
-        raise PoiseError(f"{robot}: the loop has another controller than the whole-body one")
+        raise PoiseError(f"{robot}: the controller of the loop is not the whole-body controller")
     timed = TimedWalk(loop.gait, law, round(config.duration / loop.plant.period) + 1)
     with collector_off(), timed.recording():
         for second in range(round(config.duration)):

@@ -252,9 +252,10 @@ class Loop(TimedBenchmark):
 
     def notes(self, report: Report) -> list[str]:
         speeds = (
-            f"{name} {report.figures[f'real_time_{name}_cpu']:.2f}, by the clock "
-            f"{report.figures[f'real_time_{name}']:.2f}"
+            f"{name} {report.figures[f'real_time_{name}_cpu']:.2f} and {report.figures[f'real_time_{name}']:.2f}"
             for name in SCENARIOS
         )
-        judged = f"times real time by processor time, which is judged: {'; '.join(speeds)}; without a log"
+        judged = (
+            f"real-time factor without a log, by processor time (with the bound) and by the clock: {'; '.join(speeds)}"
+        )
         return [*super().notes(report), judged]

@@ -68,7 +68,7 @@ def record(robot: str, seed: int, config: QPConfig) -> list[RecordedQP]:
     loop = ClosedLoop(robot=robot, seed=seed, record=False)
     balance = loop.controller
     if not isinstance(balance, BalanceController):
-        raise PoiseError(f"{robot}: the loop has another controller than the whole-body one")
+        raise PoiseError(f"{robot}: the controller of the loop is not the whole-body controller")
     found: list[RecordedQP] = []
     for _ in range(config.rows):
         advance(loop, config.pause)
@@ -131,7 +131,7 @@ def read(path: Path) -> list[RecordedQP]:
                 for index, scenario in enumerate(data["scenarios"])
             ]
     except (OSError, KeyError, ValueError) as error:
-        raise ConfigError(f"{path}: no archive of QPs: {error}") from error
+        raise ConfigError(f"{path}: not an archive of QPs: {error}") from error
 
 
 OWN = "poise"  # the controller's solver
@@ -312,7 +312,7 @@ class QPBenchmark(Benchmark):
         if file.is_file():  # missing if every case was in the results file
             report.notes.append(f"problems: {file}")
         if missing := available()[1]:
-            report.notes.append(f"left out, not installed: {', '.join(missing)} (the extra 'bench' has them)")
+            report.notes.append(f"left out, not installed: {', '.join(missing)}: pip install 'poise[bench]'")
         return report
 
     def plots(self, report: Report, folder: Path) -> list[Path]:

@@ -219,10 +219,10 @@ def _draw_balance(axes: Axes, signals: Mapping[str, Matrix], k: int) -> None:
     for foot, (name, colour) in enumerate(_FEET):
         bears = signals["loads"][:, foot] > _BORNE
         edges = low[:, foot, k], high[:, foot, k]
-        axes.fill_between(t, *edges, where=bears, color=colour, alpha=0.25, linewidth=0.0, label=f"{name} sole, bears")
+        axes.fill_between(t, *edges, where=bears, color=colour, alpha=0.25, linewidth=0.0, label=f"{name} sole, loaded")
         for edge in edges:
             axes.plot(t, edge, color=colour, linewidth=0.5)
-        axes.plot(t, signals["aims"][:, foot, k], color=colour, linestyle="--", label=f"{name} foothold aimed at")
+        axes.plot(t, signals["aims"][:, foot, k], color=colour, linestyle="--", label=f"{name} target foothold")
     axes.plot(t, signals["dcm"][:, k], color=COLOURS["DCM"], linewidth=1.6, label="DCM")
     axes.plot(t, signals["dcm_seen"][:, k], color=COLOURS["DCM"], linewidth=0.8, linestyle=":", label="DCM, estimated")
     axes.plot(t, signals["cop"][:, k], color=COLOURS["ZMP"], linewidth=1.4, label="CoP")

@@ -58,7 +58,9 @@ def angles(usual: int, options: Options) -> list[float]:
     number, _, offset = (options.directions or str(usual)).partition("+")
     count, first = _number(number), _number(offset or "0")
     if not (count >= 1.0 and count.is_integer() and math.isfinite(first)):
-        raise ConfigError(f"directions '{options.directions}': a grid is COUNT or COUNT+DEGREES, such as 16 or 8+22.5")
+        raise ConfigError(
+            f"--directions '{options.directions}': a grid is COUNT or COUNT+DEGREES, such as 16 or 8+22.5"
+        )
     degrees = [first + 360.0 * k / count for k in range(int(count))]
     if options.scenarios:
         degrees = [
@@ -253,7 +255,9 @@ class Push(Benchmark):
 
     def cases(self, options: Options) -> list[Case]:
         if options.size:
-            raise ConfigError("bench push --mode stand: the size is in parts of the ankle bound; it has no --size")
+            raise ConfigError(
+                "bench push --mode stand has no --size: it searches relative to the ankle bound; use another --mode"
+            )
         return [
             {"robot": options.robot, "seed": seed, "angle": angle, "contender": options.contender}
             for seed in options.each_seed()

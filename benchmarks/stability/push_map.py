@@ -133,7 +133,7 @@ def wait_touchdown(loop: ClosedLoop) -> float:
                 return loop.t
             lifted = loop.t
         advance(loop, loop.plant.period)
-    raise PoiseError(f"{loop.robot.name} does not walk before it is pushed")
+    raise PoiseError(f"{loop.robot.name} does not walk before the push")
 
 
 def survives(loop: ClosedLoop, trial: Trial, dv: float) -> Outcome:
@@ -164,7 +164,7 @@ def _ending(trial: Trial, places: Matrix) -> str:
     ways = np.linalg.norm(places[-1] - places[-1 - round(window / config.check_period) :], axis=1)
     if walks:
         speed = config.walk_speed if trial.speed is None else trial.speed
-        return "" if ways[0] > config.walk_share * speed * window else "does not walk on"
+        return "" if ways[0] > config.walk_share * speed * window else "does not continue to walk"
     return "" if ways.max() < config.rest_radius else f"moves {ways.max():.2f} m in the last {window:g} s"
 
 
@@ -175,8 +175,8 @@ def moments(loop: ClosedLoop, outcome: Outcome) -> Case:
 
 #: Explanation of the figures below the table
 MEANING = (
-    "dv: impulse over mass [m/s] that is taken in every phase, impulse in [N.s]; ankle and steps: what a linear "
-    "pendulum takes without and with steps"
+    "dv: impulse over mass [m/s] that is taken in every phase, impulse in [N.s]; ankle and steps: impulse over mass "
+    "that a linear pendulum takes without and with steps"
 )
 
 

@@ -175,7 +175,7 @@ def check_progress(gone: Velocity, velocity: Velocity) -> str:
         if np.dot(gone[part], asked[part]) < config.progress * np.dot(asked[part], asked[part]):
             x, y, yaw = asked
             raise PoiseError(
-                f"it went {gone[0]:.2f}, {gone[1]:.2f} of {x:.2f}, {y:.2f} m, turned {gone[2]:.2f} of {yaw:.2f} rad"
+                f"displacement {gone[0]:.2f}, {gone[1]:.2f} of {x:.2f}, {y:.2f} m, turn {gone[2]:.2f} of {yaw:.2f} rad"
             )
     return f"{gone[0]:.2f}, {gone[1]:.2f} m, {gone[2]:.2f} rad"
 
@@ -211,7 +211,7 @@ class Robots(Benchmark):
     def cases(self, options: Options) -> list[Case]:
         """Return the cases; ``ConfigError`` for an unknown scenario, or with ``robot``: scenarios select robots."""
         if options.robot != Options().robot:
-            raise ConfigError(f"bench robots is of no single --robot; choose with --scenario '{options.robot}'")
+            raise ConfigError(f"bench robots has no --robot; use --scenario '{options.robot}'")
         found = [*robot_files(), *(GENERATED + kind for kind in KINDS)]
         known = [*robot_names(), *found] if self._long else found
         names = chosen(self.name, options.scenarios, known, _config().usual if self._long else None)

@@ -11,13 +11,13 @@ from bridge.record.render import run_renderer
 TABLE, RUNS, PICTURE = "robots_table.md", "robots_trials.md", "img/robots.jpg"  #: Files of the pages and of the picture
 TRIALS = ("stand", "squat", "wave", "walk", "push")  #: Trials of ``poise check-robot``
 PICTURE_TIME = 60.0  #: Maximum time for the picture of one robot [s]
-_HEAD = ("robot", "mass", "legs", *TRIALS, "verdict after", "what limits it")
+_HEAD = ("robot", "mass", "legs", *TRIALS, "time of the check", "limits")
 _TABLE_TEXT = f"""\
 # Robots from their files alone
 
-What `poise check-robot` finds ([robots.md](robots.md)), written by `poise bench robots --plot docs`: every URDF and
-MJCF file of the installed packages that has two legs to stand on, and the generated robots of
-`benchmarks/stability/humanoids.py`. One seed. Those that walk, in the middle of a step:
+Results of `poise check-robot` ([robots.md](robots.md)), written by `poise bench robots --plot docs`: all URDF and MJCF
+files of the installed packages with two legs, and the generated robots of `benchmarks/stability/humanoids.py`. One
+seed. The robots that walk, in single support:
 
 ![walking robots]({PICTURE})
 
@@ -25,8 +25,8 @@ MJCF file of the installed packages that has two legs to stand on, and the gener
 _RUNS_TEXT = """\
 # Long runs
 
-Runs that ended as they should, of those with every seed, written by `poise bench robots --mode trials --plot docs` with
-`--first-seed` and a `--scenario` for each robot.
+Successful runs over all seeds, written by `poise bench robots --mode trials --plot docs` with `--first-seed` and a
+`--scenario` for each robot.
 
 """
 
@@ -72,7 +72,7 @@ def rows(cases: list[Case]) -> list[str]:
 def trial_rows(cases: list[Case]) -> list[str]:
     """Return the table of the long runs."""
     names = list(dict.fromkeys(case["trial"] for case in cases))
-    lines = _table(("robot", *names, "all", "what ended the others"))
+    lines = _table(("robot", *names, "all", "failures"))
     for robot in dict.fromkeys(case["robot"] for case in cases):
         own = [case for case in cases if case["robot"] == robot]
         cells = [_share([case for case in own if case["trial"] == name]) for name in names]

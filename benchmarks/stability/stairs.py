@@ -125,7 +125,7 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
             ended = walk_around(loop, distance)
         else:
             sight = Sight(loop, flight.fault)
-            ended = walk_on_sight(loop, distance, sight).outcome or f"under way after {config.limit:g} s"
+            ended = walk_on_sight(loop, distance, sight).outcome or f"not arrived after {config.limit:g} s"
     else:
         loop.run(0.2)
         here = middle(gait.footholds)

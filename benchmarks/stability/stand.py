@@ -113,9 +113,9 @@ def motion(robot: str, seed: int, motion: str, angle: float) -> Case:
         (not reply.accepted, reply.reason),
         (loop.fallen, loop.fall_reason),
         (not ended, f"the motion did not end: mode {loop.mode.value} {'; '.join(loop.faults)}"),
-        (not pushed_in_motion, "the push missed the motion"),
+        (not pushed_in_motion, "the push was not during the motion"),
         (foot > push.foot_tolerance, f"a foot moved {foot:.3f} m"),
-        (error > push.com_tolerance, f"the CoM stayed {error:.3f} m away"),
+        (error > push.com_tolerance, f"the CoM remained {error:.3f} m from its start"),
         (float(np.linalg.norm(now.com_velocity)) > push.speed_tolerance, "not at rest at the end"),
     ]
     reason = next((text for failed, text in reasons if failed), "")

@@ -112,7 +112,9 @@ class TerrainLadder(Benchmark):
         cases: list[Case] = []
         for name in chosen(self.name, options.scenarios, list(config.ladders), usual):
             if name not in usual:
-                raise ConfigError(f"bench {self.name}: '{name}' needs a robot with range sensors, and no contender")
+                raise ConfigError(
+                    f"bench {self.name}: '{name}' needs a robot with range sensors and is not for contenders"
+                )
 
             def measure(level: float, seeds: Sequence[int], name: str = name) -> list[Case]:
                 subject = {"robot": options.robot, "scenario": name, "level": level, "contender": options.contender}
@@ -142,9 +144,7 @@ class TerrainLadder(Benchmark):
             counts = (f"{level:g}: {survived} of {total}" for level, (survived, total) in levels.items())
             lines.append(f"{name} [{config.ladders[name].unit}]: {', '.join(counts)}")
         if seeds and seeds[0] < config.judging_seed:
-            lines.append(
-                f"seeds from {seeds[0]} on are for tuning and judge nothing; those from {config.judging_seed} do"
-            )
+            lines.append(f"seeds from {seeds[0]} on are for tuning only; judge with --first-seed {config.judging_seed}")
         return lines
 
     def plots(self, report: Report, folder: Path) -> list[Path]:

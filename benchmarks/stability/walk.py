@@ -81,7 +81,7 @@ def _judge_speed(name: str, results: Sequence[Case], command: Any) -> tuple[dict
     }
     if error < walk_config().speed_error_limit:
         return figures, []
-    return figures, [f"{name}: the mean velocity is {error:.3f} of the command off"]
+    return figures, [f"{name}: error of the mean velocity {error:.3f} of the command"]
 
 
 class Walk(Benchmark):

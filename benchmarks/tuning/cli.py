@@ -21,7 +21,7 @@ def tune(
     robot: Annotated[str, typer.Option(help="Robot profile, by name or path.")] = "g1",
     out: Annotated[Path | None, typer.Option(help="Profile to write; out/tune/ROBOT.yaml by default.")] = None,
     results: Annotated[
-        Path | None, typer.Option(help="Finished scenarios; the search goes on from there. Beside --out by default.")
+        Path | None, typer.Option(help="File of finished scenarios, to resume the search; beside --out by default.")
     ] = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="Write a plot into this folder.")] = None,
     workers: Workers = 1,
@@ -71,7 +71,7 @@ def tune(
         passed, words = verdict(config, tuned)
         with writing(file):
             write_overlay(file, robot, config, tuned)
-    shown_table = Table("", "before", "after", title="on scenarios that the search has not seen", title_justify="left")
+    shown_table = Table("", "before", "after", title="scenarios that the search did not use", title_justify="left")
     for row in table(config, tuned):
         shown_table.add_row(*row)
     console.print(shown_table)

@@ -48,13 +48,13 @@ class Kind:
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
             if isinstance(value, tuple) and value[0] > value[1]:
-                raise ValueError(f"{name}: [{value[0]:g}, {value[1]:g}] is no range")
+                raise ValueError(f"{name}: [{value[0]:g}, {value[1]:g}]: lower and upper end are swapped")
         if self.push is PushMode.STAND:
             raise ValueError("push: catch, step or walk expected")
         if (self.push is None) != (self.dv is None):
-            raise ValueError("push and dv belong together")
+            raise ValueError("push needs dv, and dv needs push")
         if self.tiles is not None and self.slope is not None:
-            raise ValueError("tiles and slope: one of both expected")
+            raise ValueError("tiles and slope: give one of them only")
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -79,7 +79,7 @@ class TuneConfig:
             raise ValueError("parameters: CMA-ES needs two or more")
         for name, (low, high) in self.parameters.items():
             if not low < high:
-                raise ValueError(f"parameters: {name}: [{low:g}, {high:g}] is no range")
+                raise ValueError(f"parameters: {name}: [{low:g}, {high:g}]: the lower end must be below the upper end")
         if twice := sorted(self.scenarios.keys() & self.held_out.keys()):
             raise ValueError(f"held_out: {twice[0]} is among the scenarios: give it another name")
 
@@ -124,9 +124,11 @@ def present(config: TuneConfig, robot: str) -> Parameters:
                 raise ConfigError(f"parameters: {name}: unknown '{part}'; known: {', '.join(known) or 'nothing'}")
             value = value[part] if isinstance(value, dict) else getattr(value, part)
         if not isinstance(value, float):
-            raise ConfigError(f"parameters: {name}: {type(value).__name__} found, a number with decimals expected")
+            raise ConfigError(f"parameters: {name}: expected a floating-point parameter, found {type(value).__name__}")
         if not low <= value <= high:
-            raise ConfigError(f"parameters: {name}: {value:g} of {robot} is outside [{low:g}, {high:g}]: widen it")
+            raise ConfigError(
+                f"parameters: {name}: {value:g} of {robot} is outside [{low:g}, {high:g}]: widen the range"
+            )
         found[name] = value
     return found
 

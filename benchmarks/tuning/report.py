@@ -145,7 +145,7 @@ def draw_search(config: TuneConfig, robot: str, tuned: Tuned, folder: Path) -> P
         axes.barh(places + off, shares, 0.4, color=colour, label=label)
     axes.set_yticks(places, [f"{row.name} ({row.total})" for row in rows], fontsize=7)
     axes.invert_yaxis()
-    axes.set(xlim=(0.0, 1.0), xlabel="share survived of scenarios that the search has not seen [-]")
+    axes.set(xlim=(0.0, 1.0), xlabel="share survived of scenarios that the search did not use [-]")
     axes.legend(fontsize=7, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     figure.suptitle(f"{robot}: {verdict(config, tuned)[1]}", fontsize=9)
     folder.mkdir(parents=True, exist_ok=True)

@@ -53,7 +53,9 @@ class Tuned:
         """Cost of the search as text."""
         measured, total = (sum(getattr(each, name) for each in self.history) for name in ("measured", "total"))
         judging = len(self.before) * (1 if self.found == self.start else 2)
-        return f"{self.cpu / 3600.0:.2f} core-hours, {measured} of {total} scenarios of the search, {judging} to judge"
+        return (
+            f"{self.cpu / 3600.0:.2f} core-hours, {measured} of {total} scenarios of the search, {judging} for judging"
+        )
 
 
 Losses = Callable[[Sequence[Parameters], int], Raced]

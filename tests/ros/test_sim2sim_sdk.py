@@ -106,7 +106,9 @@ def test_without_the_sdk_or_namespaces_it_says_so_by_name(monkeypatch: pytest.Mo
     cable.isolation.cache_clear()
     monkeypatch.setattr(cable.subprocess, "run", refused)
     try:
-        expected = "no network namespaces here: unshare: Operation not permitted; .* root .* sysctl kernel.unpriv"
+        expected = (
+            "network namespaces are not available: unshare: Operation not permitted; .* root .* sysctl kernel.unpriv"
+        )
         with pytest.raises(Unavailable, match=expected):
             sim2sim_sdk.check_sdk()
     finally:
@@ -121,7 +123,7 @@ def test_a_program_that_fails_is_reported_with_its_errors(tmp_path: Any) -> None
         cable.run_program(words, tmp_path, {}, timeout=20.0)
     with pytest.raises(PoiseError, match=r"has not ended after 0\.1 s"):
         cable.run_program(["-c", "import time; time.sleep(9)"], tmp_path, {}, timeout=0.1)
-    for code, said in (("pass", "no JSON but ''"), ("print('hello')", "no JSON but 'hello'")):
+    for code, said in (("pass", "is not JSON: ''; errors: none"), ("print('hello')", "is not JSON: 'hello'")):
         with pytest.raises(PoiseError, match=said):
             cable.run_program(["-c", code], tmp_path, {}, timeout=20.0)
 
@@ -136,14 +138,14 @@ def test_a_cable_that_cannot_be_laid_is_reported(tmp_path: Path, monkeypatch: py
     fake.write_text("#!/bin/sh\necho cable0 DOWN\n")
     times = iter((0.0, 30.0))
     monkeypatch.setattr(cable.time, "monotonic", lambda: next(times))
-    with pytest.raises(PoiseError, match="cable0 does not come up"):
+    with pytest.raises(PoiseError, match="interface cable0 is not up after 20 s"):
         cable._plugged("cable0")
 
 
 def test_a_robot_that_has_ended_is_an_error_with_its_log(tmp_path: Path) -> None:
     robot = RobotProcess("sdk", "lo", tmp_path, command=("sh", "-c", "echo broken >&2; exit 3"))
     for name in ("report", "push"):  # the second is written to a closed pipe
-        with pytest.raises(PoiseError, match=f"ended at '{name}', exit code 3; robot.log: broken"):
+        with pytest.raises(PoiseError, match=f"ended during '{name}': exit code 3; robot.log: broken"):
             robot(name)
     robot.close()
 
@@ -151,7 +153,9 @@ def test_a_robot_that_has_ended_is_an_error_with_its_log(tmp_path: Path) -> None
 def test_a_missing_figure_of_the_driver_is_an_error_by_name() -> None:
     session = HardwareSession.__new__(HardwareSession)
     session._values = {}
-    with pytest.raises(PoiseError, match=r"'sample to command p50 \[ms\]' in the diagnostics of the driver is ''"):
+    with pytest.raises(
+        PoiseError, match=r"'sample to command p50 \[ms\]' in the diagnostics of the driver is not a number: ''"
+    ):
         stop(session, Measured())
 
 

@@ -24,7 +24,7 @@ ROW = "stamp_in_the_future"
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """A suite of one case, and of a benchmark that cannot be run."""
     parts = {"faults": Part(("g1",), 1, (ROW,)), "stand": Part(("unknown",))}
-    keys = {"survived": "ended as they must", "absent": "absent"}
+    keys = {"survived": "required reaction observed", "absent": "absent"}
     info = Info("", choice="scenario", keys=keys, figures=("survived", "total", "nonsense"))
     listed = {"faults": Listed("faults", info, "benchmarks.faults.faults"), "stand": catalogue()["stand"]}
     monkeypatch.setattr(suite, "parts_of", lambda name: parts)

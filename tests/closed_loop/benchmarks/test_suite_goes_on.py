@@ -81,7 +81,7 @@ def test_who_interrupts_and_who_has_no_workers_ends_the_suite(
     with pytest.raises(error):
         suite_of(tmp_path, modules, refused=Part(("g1",)), square=Part(("g1",)))
     assert str(read_progress(tmp_path)) == (
-        "partial: 0 of 2 parts of --full are finished; 0 of 1 cases of the unfinished that have begun, 1 not begun"
+        "partial: 0 of 2 parts of --full are finished; parts in progress: 0 of 1 cases; parts not begun: 1"
     )
 
 
@@ -95,7 +95,7 @@ def test_another_revision_or_a_new_beginning_is_missing_until_it_is_reported(
     assert not read_progress(tmp_path).missing and len(read_lines(tmp_path / PLAN)) == 2
     save_begun(tmp_path, ("square", "g1"), [read_lines(tmp_path / CASES)[0]["key"], "more"])
     (part,) = read_progress(tmp_path).missing
-    assert part.state == "1 of 2 cases; reported: an earlier measurement"
+    assert part.state == "1 of 2 cases; the report shows an earlier measurement"
     assert suite_of(tmp_path, modules, square=Part(("g1",), 2))[0]
     assert not read_progress(tmp_path).missing
     save_plan(tmp_path, "full", {("square", "g1"): "of more seeds"})  # as --full after --quick
@@ -107,7 +107,7 @@ def test_another_revision_or_a_new_beginning_is_missing_until_it_is_reported(
         {("square", "g1"): command_of(Part(("g1",), 2), modules["square"], "g1"), ("stand", "g1"): ""},
     )
     assert [part.state for part in read_progress(tmp_path).missing] == [
-        "not begun; reported: an earlier measurement", "not begun",
+        "not begun; the report shows an earlier measurement", "not begun",
     ]  # fmt: skip
 
 
@@ -170,13 +170,13 @@ def test_a_suite_that_is_killed_goes_on_without_a_case_lost_or_repeated(tmp_path
 
     assert CliRunner().invoke(app, ["report", str(folder)]).exit_code == 0
     page = (folder / "report.md").read_text()
-    begun = f"{kept} of 6 cases of the unfinished that have begun"
-    line = f"Partial: 0 of 2 parts of --full are finished; {begun}, 1 not begun"
+    begun = f"parts in progress: {kept} of 6 cases"
+    line = f"Partial: 0 of 2 parts of --full are finished; {begun}; parts not begun: 1"
     assert line in page
     assert f"| faults | g1 | {kept} of 6 cases |" in page and "Not begun: stand unknown." in page
 
     again = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert f"{kept} cases were there, {CASES_OF_ALL - kept} measured" in again.stdout, again.stderr
+    assert f"{kept} cases already finished, {CASES_OF_ALL - kept} measured" in again.stdout, again.stderr
     assert cases.read_bytes().startswith(whole[: whole.rfind(b"\n") + 1])
     assert sorted(line["seed"] for line in read_lines(cases)) == list(range(CASES_OF_ALL))
     assert "Partial" not in (folder / "report.md").read_text()

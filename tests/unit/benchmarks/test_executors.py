@@ -131,6 +131,6 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(dask_executor, "CONNECT_TIME", 0.5)
     with (
         make_executor(1, "tcp://127.0.0.1:9") as executor,
-        pytest.raises(PoiseError, match=r"127\.0\.0\.1:9: no answer"),
+        pytest.raises(PoiseError, match=r"127\.0\.0\.1:9: no connection"),
     ):
         run_cases(square, [{"seed": 0}], bench="squares", options=Options(sweep=Sweep(executor)))

@@ -223,4 +223,4 @@ def test_a_robot_recovers_where_it_stays_or_walks_on(mode: PushMode) -> None:
     if mode is PushMode.STEP:
         assert ending(sways) == "" and "moves" in ending(sways + np.outer(t, (0.08, 0.0)))
     else:
-        assert ending(sways) == "does not walk on" and ending(sways + np.outer(t, (0.3, 0.0))) == ""
+        assert ending(sways) == "does not continue to walk" and ending(sways + np.outer(t, (0.3, 0.0))) == ""

@@ -105,7 +105,7 @@ def test_problems_survive_their_archive(problems: list[RecordedQP], tmp_path: Pa
     np.testing.assert_array_equal(again[3].qp.hessian, problems[3].qp.hessian)
     np.testing.assert_array_equal(again[3].solution, problems[3].solution)
     (tmp_path / "none.npz").write_text("nothing")
-    with pytest.raises(ConfigError, match="no archive of QPs"):
+    with pytest.raises(ConfigError, match="not an archive of QPs"):
         read(tmp_path / "none.npz")
 
 

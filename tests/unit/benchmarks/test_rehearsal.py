@@ -41,4 +41,4 @@ def test_a_button_is_released_and_a_push_has_its_impulse(monkeypatch: pytest.Mon
 
 def test_an_unknown_word_names_the_known_ones() -> None:
     robot = Robot()
-    assert act(robot, "fly").startswith("unknown word 'fly'; known:") and not robot.calls
+    assert act(robot, "fly").startswith("unknown command 'fly'; known:") and not robot.calls

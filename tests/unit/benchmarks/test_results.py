@@ -200,7 +200,7 @@ def test_a_damaged_line_is_named(path: Path) -> None:
 
 
 def test_two_sweeps_do_not_share_a_file(path: Path) -> None:
-    with ResultsFile(path), pytest.raises(ConfigError, match="another sweep writes to it"):
+    with ResultsFile(path), pytest.raises(ConfigError, match="in use by another sweep"):
         ResultsFile(path)
     ResultsFile(path).__exit__(None, None, None)
 
