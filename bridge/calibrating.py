@@ -36,7 +36,9 @@ class Calibrator:
         ready = lockstep.hanging or lockstep.stack.mode is Mode.STAND
         if not ready:
             mode = lockstep.stack.mode.value
-            return CommandReply(False, f"calibration of '{what[:32]}' refused in mode '{mode}': stand or hang first")
+            return CommandReply(
+                False, f"calibration of '{what[:32]}' refused in mode '{mode}': the robot must stand or hang"
+            )
         reply = self._session.start(what, standing=not lockstep.hanging)
         if not reply.accepted:
             return reply
@@ -70,7 +72,7 @@ class Calibrator:
             lockstep.step()
         if lockstep.hanging or lockstep.stack.mode is Mode.STAND:
             return ""
-        return f"calibration given up: {'; '.join(lockstep.stack.supervisor.faults) or lockstep.stack.mode.value}"
+        return f"calibration aborted: {'; '.join(lockstep.stack.supervisor.faults) or lockstep.stack.mode.value}"
 
     def _jig(self) -> str:
         lockstep, config = self._lockstep, self._session.config

@@ -135,7 +135,7 @@ class Trials:
             raise PoiseError(self._why(loop, "the motion did not end"))
         loop.run(self._config.pause)
         if not self._standing(loop):
-            raise PoiseError(self._why(loop, "it did not stand afterwards"))
+            raise PoiseError(self._why(loop, "the robot did not stand after the motion"))
         return "" if size == 1.0 else f" at {100.0 * size:.0f} % of the motion's size"
 
     def _walk(self, loop: ClosedLoop) -> tuple[bool, str]:
@@ -150,7 +150,7 @@ class Trials:
             loop.run(self._config.stop_time)
         way = float(np.linalg.norm(loop.truth.q[:2] - start))
         if not self._standing(loop) or way < self._config.stride_min * self._height:
-            return False, self._why(loop, f"it walked {way:.2f} m")
+            return False, self._why(loop, f"the robot walked {way:.2f} m")
         swings = loop.log.swing
         steps = int(np.count_nonzero((swings[1:] >= 0) & (swings[1:] != swings[:-1])))
         return True, f"{way:.2f} m in {steps} steps at {speed:.2f} m/s, {self._effort(loop)}"
@@ -163,7 +163,7 @@ class Trials:
             loop.apply_push((force * np.cos(angle), force * np.sin(angle), 0.0), duration)
             loop.run(self._config.push_pause)
             if not self._standing(loop):
-                return False, self._why(loop, f"it does not stand {self._config.push_pause:g} s later")
+                return False, self._why(loop, f"the robot does not stand {self._config.push_pause:g} s after the push")
         return True, f"{size:g} m/s from four sides, {self._effort(loop)}"
 
     def _command(self, loop: ClosedLoop, text: str) -> CommandReply:
@@ -191,7 +191,9 @@ class Trials:
             joint = int(shares[row].argmax())
             ahead = float(loop.log.t[end - 1] - loop.log.t[row])
             name, limit = self._model.joint_names[joint], self._model.tau_max[joint]
-            reasons.append(f"joint '{name}' was the first at its limit of {limit:g} N.m, {ahead:.2f} s before")
+            reasons.append(
+                f"joint '{name}' was the first at its torque limit of {limit:g} N.m, {ahead:.2f} s before the end"
+            )
         return "; ".join(reasons)
 
 
@@ -227,7 +229,7 @@ def check_robot(
 ) -> Verdict:
     """Propose a profile for a URDF or MJCF, write it to ``out``, and try it; ``overwrite`` replaces a file."""
     if out.exists() and not overwrite:
-        raise ConfigError(f"{out}: exists already: give another name with --out, or --overwrite")
+        raise ConfigError(f"{out}: exists already: give another file with --out, or --overwrite")
     with warnings.catch_warnings(record=True, action="always") as caught:  # warnings about omitted shapes
         proposal, files = propose_profile(urdf, out, packages)
         model = RobotModel.load(files[0])
@@ -296,13 +298,13 @@ def report(verdict: Verdict, console: Console) -> None:
         figures.add_row(name, escape(text))
     console.print(figures)
     if proposal.findings:
-        findings = Table("", "whose", "what", "remedy")
+        findings = Table("", "part", "finding", "remedy")
         for finding in sorted(proposal.findings, key=lambda finding: finding.severity, reverse=True):
             style = "red" if finding.severity == "wrong" else "yellow"
             cells = (finding.severity, shortened(finding.culprit), finding.fault, finding.remedy)
             findings.add_row(*(escape(cell) for cell in cells), style=style)
         console.print(findings)
-    trials = Table("trial", "", "figures, or cause of the failure")
+    trials = Table("trial", "", "result, or cause of the failure")
     for trial in verdict.trials:
         word = "[green]done[/green]" if trial.passed else "[red]failed[/red]"
         trials.add_row(trial.name, word, escape(trial.detail))

@@ -65,8 +65,8 @@ def _robots() -> list[str]:
 
 
 Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.", autocompletion=_robots)]
-RunningRobot = Annotated[str, typer.Option(help="Robot profile; the one that the running graph names by default.")]
-Key = Annotated[Path | None, typer.Option(help="Sign words with the key in this file.")]
+RunningRobot = Annotated[str, typer.Option(help="Robot profile; by default that of the running robot.")]
+Key = Annotated[Path | None, typer.Option(help="Sign commands with the key in this file.")]
 
 
 def _print_version(requested: bool) -> None:
@@ -97,7 +97,7 @@ def demo(
     ] = None,
     scene: Annotated[
         Literal["square", "stairs"],
-        typer.Option(help="Wave, squat, push and a square; or a flight of stairs that the robot maps itself."),
+        typer.Option(help="Wave, squat, push and a square; or stairs that the robot maps with its range sensors."),
     ] = "square",
 ) -> None:
     """Stand, wave, squat, take a push and walk a square over ROS 2 in real time, and report how well."""
@@ -115,10 +115,10 @@ def demo(
 def up(
     robot: Robot = "g1",
     duration: Annotated[float | None, typer.Option(min=0.0, help=r"Stop after this time \[s].")] = None,
-    network: Annotated[bool, typer.Option(help="Let other machines join; loopback only otherwise.")] = False,
+    network: Annotated[bool, typer.Option(help="Communicate with other machines; by default loopback only.")] = False,
     processes: Annotated[
         Literal["shared", "separate"],
-        typer.Option(help="Gait planner, controller and estimator in one process, or every node in its own."),
+        typer.Option(help="Gait planner, controller and estimator in one process, or every node in a separate one."),
     ] = "shared",
     merged: Annotated[bool, typer.Option(hidden=True)] = True,
     lockstep: Annotated[bool, typer.Option(help="The plant waits for the command of every tick.")] = False,
@@ -126,13 +126,17 @@ def up(
         str, typer.Option(help="Further errors of the simulated sensors: a YAML file, or YAML in braces.")
     ] = "",
     faults: Annotated[
-        str, typer.Option(help="Faults once it stands: a YAML file, a scenario such as dead_knee, or YAML in braces.")
+        str,
+        typer.Option(
+            help="Faults, injected when the robot stands: a YAML file, a scenario such as dead_knee, or YAML in braces."
+        ),
     ] = "",
     terrain: Annotated[
         str, typer.Option(help="Ground: flat, tiles, slope_up, ...; models/config/terrain.yaml.")
     ] = "flat",
     expected_friction: Annotated[
-        float, typer.Option(min=0.0, max=2.0, help="Friction coefficient expected of the ground; 0: the robot's.")
+        float,
+        typer.Option(min=0.0, max=2.0, help="Expected friction coefficient of the ground; 0: that of the profile."),
     ] = 0.0,
     calibration: Annotated[
         Path | None,
@@ -144,7 +148,7 @@ def up(
         bool, typer.Option(help="Cast depth camera and lidar, and map the ground, in three separate processes.")
     ] = False,
     given_map: Annotated[
-        Path | None, typer.Option(help="Map of the ground that is known beforehand: a YAML file; poise map writes one.")
+        Path | None, typer.Option(help="Prior map of the ground: a YAML file, as poise map writes it.")
     ] = None,
     motions: Annotated[Path | None, typer.Option(help="Folder of further motion files.")] = None,
     params_file: Annotated[
@@ -152,33 +156,36 @@ def up(
     ] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of every node, topic and service, such as robot_1.")] = "",
     robots: Annotated[
-        str, typer.Option(help="Several in one world, each in its namespace: robot_1=g1,robot_2=talos.", metavar="LIST")
+        str, typer.Option(help="Several robots in one world, by namespace: robot_1=g1,robot_2=talos.", metavar="LIST")
     ] = "",
     place: Annotated[
-        list[str] | None, typer.Option(help=r"Where one of several begins \[m, m, rad]: robot_2=1,-1.5,0.", metavar="…")
+        list[str] | None,
+        typer.Option(help=r"Start of one of several robots \[m, m, rad]: robot_2=1,-1.5,0.", metavar="…"),
     ] = None,
     speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Ratio of simulated to real time.")] = 1.0,
     real_time: Annotated[
         Literal["yield", "strict"],
-        typer.Option(help="Simulated time waits for late commands (yield), or does not (strict)."),
+        typer.Option(help="Whether simulated time waits for late commands (yield) or not (strict)."),
     ] = "yield",
     plant: Annotated[
         str,
-        typer.Option(help="The robot: mujoco, unitree, booster, ros2_control, an installed one, or module:Class."),
+        typer.Option(help="Plant: mujoco, unitree, booster, ros2_control, an installed one, or module:Class."),
     ] = "mujoco",
-    plant_options: Annotated[str, typer.Option(help="Arguments of another plant: YAML in braces, or a file.")] = "",
+    plant_options: Annotated[
+        str, typer.Option(help="Options of another plant than mujoco: YAML in braces, or a file.")
+    ] = "",
     network_interface: Annotated[
-        str, typer.Option(help="Of this computer, to a real robot, such as eth0.", metavar="IF")
+        str, typer.Option(help="Network interface to a real robot, such as eth0.", metavar="IF")
     ] = "",
     robot_domain: Annotated[
         int | None, typer.Option(min=0, max=232, help="DDS domain of a real robot; 0 by default.")
     ] = None,
     robot_rate: Annotated[
-        int | None, typer.Option(help=r"Rate of a real robot \[Hz]; 500 or 1000 with --plant unitree.")
+        int | None, typer.Option(help=r"Rate of states and commands of a real robot \[Hz]; with unitree 500 or 1000.")
     ] = None,
     at_end: Annotated[
         Literal["damp", "lower"] | None,
-        typer.Option(help="What Ctrl-C does with a real robot: damp, or lower it first; a second one damps."),
+        typer.Option(help="Effect of Ctrl-C on a real robot: damp it, or lower it first; a second Ctrl-C damps it."),
     ] = None,
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
@@ -203,11 +210,13 @@ def up(
         load_profile(each)  # otherwise every node refuses it half a minute later
     own = {} if motions is None or several else own_motions(robot, motions)
     if several and namespace:
-        raise typer.BadParameter("--robots names the namespaces: --namespace goes with one robot")
+        raise typer.BadParameter("--namespace is for one robot only: --robots sets the namespace of each")
     if several and camera:
-        raise typer.BadParameter("--camera goes with one robot: it does not draw the others")
+        raise typer.BadParameter("--camera is for one robot only: its image does not show the others")
     if terrain_map and (several or plant != "mujoco"):
-        raise typer.BadParameter("--terrain-map goes with one simulated robot; beside others run terrain_mapper alone")
+        raise typer.BadParameter(
+            "--terrain-map is for one simulated robot only; otherwise start terrain_mapper separately"
+        )
     if terrain_map:
         sensors = load_profile(robot).sensors
         if sensors.depth is None and sensors.lidar is None:
@@ -217,17 +226,17 @@ def up(
             )
     if given_map is not None:
         if several:
-            raise typer.BadParameter("--given-map goes with one robot")
+            raise typer.BadParameter("--given-map is for one robot only")
         from planners.terrain.given_map import load_given_map
 
         load_given_map(given_map)
     if several and plant != "mujoco":
-        raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
+        raise typer.BadParameter("--plant is for one robot only: several robots share one world of mujoco")
     if plant == "mujoco" and plant_options:
-        raise typer.BadParameter("--plant-options goes with another --plant than mujoco")
+        raise typer.BadParameter("--plant-options is for plants other than mujoco: give --plant")
     if plant != "mujoco" and (sensor_errors or faults or terrain != FLAT):
         raise typer.BadParameter(
-            "--sensor-errors, --faults and --terrain go with --plant mujoco; poise rehearse has faults of a real robot"
+            "--sensor-errors, --faults and --terrain need --plant mujoco; for faults of a real robot: poise rehearse"
         )
     hardware: dict[str, Any] = {}
     from bridge.launch.hardware import PLANTS, check_plant, hardware_options, other_network
@@ -240,12 +249,12 @@ def up(
         check_plant(plant, robot, plant_options)
         if speed != 1.0 or lockstep or camera:
             raise typer.BadParameter(
-                "--speed, --lockstep and --camera go with a simulated robot; poise rehearse has an own --speed"
+                "--speed, --lockstep and --camera are for simulated robots only; poise rehearse has an option --speed"
             )
     elif network_interface or at_end or robot_domain is not None or robot_rate is not None:
         find_plant(plant)  # reports a misspelt name first
         raise typer.BadParameter(
-            "--network-interface, --robot-domain, --robot-rate and --at-end go with --plant " + " or ".join(PLANTS)
+            "--network-interface, --robot-domain, --robot-rate, --at-end need --plant " + " or ".join(PLANTS)
         )
     if calibration is None and not sensor_errors:
         calibration = calibration_directory() / plant.replace(":", ".")  # one folder for each plant
@@ -293,7 +302,9 @@ def up(
 @app.command()
 def view(
     robot: RunningRobot = "",
-    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for all of this machine.")] = "127.0.0.1",
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; 0.0.0.0 for all addresses of this machine.")
+    ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="TCP port to listen on.")] = 8080,
     key: Key = None,
     network: Network = False,
@@ -305,7 +316,9 @@ def view(
     from bridge.view.page import view as serve
 
     if key is not None and host not in ("127.0.0.1", "localhost"):
-        raise typer.BadParameter("a page that others reach would sign for each of them: --key goes with 127.0.0.1 only")
+        raise typer.BadParameter(
+            "--key needs --host 127.0.0.1: otherwise others on the network could send signed commands"
+        )
     serve(robot=robot, host=host, port=port, network=network, namespace=namespace, signer=signer_of(key))
 
 
@@ -351,9 +364,9 @@ def check_robot(
     urdf: Annotated[Path, typer.Argument(help="URDF or MJCF of a robot that has no profile yet.")],
     out: Annotated[Path | None, typer.Option(help="The proposed profile; NAME.yaml in this folder by default.")] = None,
     package_dir: Annotated[
-        list[Path] | None, typer.Option(help="Folder in which package:// is looked for; may be repeated.")
+        list[Path] | None, typer.Option(help="Folder that contains packages of package:// URIs; repeatable.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a profile that is there already.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Overwrite an existing profile.")] = False,
 ) -> None:
     """Propose a profile for a URDF or MJCF; stand, squat, wave and walk with it; say what is missing or wrong."""
     from bridge.check_robot import check_robot as check

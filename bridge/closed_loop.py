@@ -193,7 +193,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
     def _ticks(self, name: str, time: float) -> int:
         """A time [s] as a number of ticks; ``ConfigError`` when it is negative or not finite."""
         if not 0.0 <= time < float("inf"):
-            raise ConfigError(f"{name}: {time} s is not a time")
+            raise ConfigError(f"{name}: {time} s is negative or not finite")
         return round(time / self.plant.period)
 
     @property
@@ -265,7 +265,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
     def ground_view(self) -> GroundView:
         """Range sensors and terrain mapper; ``PoiseError`` without ``terrain_map``."""
         if self._ground_view is None:
-            raise PoiseError("ground_view: this loop maps no ground; make it with terrain_map=True")
+            raise PoiseError("ground_view: this loop does not map the ground; create it with terrain_map=True")
         return self._ground_view
 
     @property

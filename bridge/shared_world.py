@@ -39,7 +39,7 @@ class SharedWorld:
     ) -> None:
         for option in OF_ONE:
             if options.get(option) is not None and len(robots) > 1:
-                raise ConfigError(f"{option}: of one robot, not of all of a world")
+                raise ConfigError(f"{option}: for a single robot only; this world has several")
         models = {
             name: each if isinstance(each, RobotModel) else RobotModel.load(each) for name, each in robots.items()
         }
@@ -67,6 +67,6 @@ class SharedWorld:
     def run(self, duration: float) -> None:
         """Run for a simulated time [s], rounded to ticks; ``ConfigError`` when it is negative or not finite."""
         if not 0.0 <= duration < float("inf"):
-            raise ConfigError(f"duration: {duration} s is not a time")
+            raise ConfigError(f"duration: {duration} s is negative or not finite")
         for _ in range(round(duration / self.world.period)):
             self.step()

@@ -108,7 +108,9 @@ class KeyLaw:
 def keyboard(stream: IO[str] = sys.stdin) -> Iterator[int]:
     """Disable echo and line buffering of a terminal; yields its descriptor. ``PoiseError`` for any other stream."""
     if not stream.isatty():
-        raise PoiseError("poise teleop reads keys from a terminal, and this is none; --gamepad needs none")
+        raise PoiseError(
+            "poise teleop needs a terminal for its keys, and the standard input is none; --gamepad works without one"
+        )
     descriptor = stream.fileno()
     before = termios.tcgetattr(descriptor)
     try:
@@ -124,7 +126,7 @@ def read_keys(descriptor: int) -> str:
         ready, _, _ = select.select([descriptor], [], [], 0.0)
         return os.read(descriptor, KEYS_MAX).decode(errors="ignore") if ready else ""
     except OSError as error:
-        raise PoiseError(f"the terminal is gone: {error.strerror}") from error
+        raise PoiseError(f"the terminal was closed: {error.strerror}") from error
 
 
 EVENT = struct.Struct("<IhBB")  #: ``struct js_event``: time [ms], value, type, number (linux/joystick.h)
@@ -144,7 +146,7 @@ class Gamepad:
         try:
             self._file = os.open(device, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as error:
-            raise PoiseError(f"{device}: no gamepad there: {error.strerror}") from error
+            raise PoiseError(f"{device}: cannot be opened as a gamepad: {error.strerror}") from error
         self._deflection: dict[int, float] = {}
         self._centred: set[int] = set()
         self._rest = b""
@@ -187,8 +189,8 @@ class Gamepad:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise PoiseError(f"{self._device}: the gamepad is gone: {error.strerror}") from error
-        raise PoiseError(f"{self._device} is no gamepad, or it is gone: it has no more events; try /dev/input/js0")
+            raise PoiseError(f"{self._device}: the gamepad was disconnected: {error.strerror}") from error
+        raise PoiseError(f"{self._device}: end of file: not a gamepad, or disconnected; try /dev/input/js0")
 
 
 #: Actions that are no text commands, and the command that ``HALT`` sends: it also ends motions

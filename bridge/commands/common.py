@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from controllers.commands.command_signature import Signer
     from models.types import CommandReply
 
-Network = Annotated[bool, typer.Option(help="The robot may run on another machine.")]
+Network = Annotated[bool, typer.Option(help="Also find robots on other machines.")]
 say = typer.echo  #: Prints plain text without wrapping
 Namespace = Annotated[str, typer.Option(help="Namespace of the robot, such as robot_1.")]
 
@@ -40,7 +40,7 @@ def need(module: str, advice: str) -> None:
 
 def need_ros() -> None:
     """Exit with advice when rclpy is missing."""
-    need("rclpy", "pip install 'poise[ros]' (x86-64 Linux), or source a ROS 2 Jazzy")
+    need("rclpy", "pip install 'poise[ros]' (x86-64 Linux), or source ROS 2 Jazzy")
 
 
 def print_reply(reply: CommandReply) -> int:

@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from bridge.replay.replay import ReplayReport
 
 File = Annotated[Path, typer.Argument(help="Recording: the MCAP file of poise record or of a ClosedLoop.")]
-Robot = Annotated[str, typer.Option(help="Robot profile, by name or path; the one it names by default.")]
+Robot = Annotated[str, typer.Option(help="Robot profile, by name or path; by default that in the file.")]
 
 
 def record(
-    out: Annotated[Path | None, typer.Option(help="MCAP file; out/recording-TIME.mcap otherwise.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="For how long; until Ctrl-C otherwise.")] = None,
+    out: Annotated[Path | None, typer.Option(help="MCAP file; out/recording-TIME.mcap by default.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help=r"Duration \[s]; by default until Ctrl-C.")] = None,
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
@@ -38,7 +38,7 @@ def record(
     finally:
         log.close(keep=recorder.received > 0)
     if not recorder.received:
-        say("nothing was recorded: no message of a robot arrived")
+        say("nothing was recorded: no message of a robot was received")
         raise typer.Exit(1)
     from rich.table import Table
 
@@ -49,7 +49,7 @@ def record(
     for topic, reason in recorder.left_out.items():
         say(f"{topic} left out: {reason}")
     lost = f"{recorder.lost} joint samples lost" if recorder.lost else "no joint sample lost"
-    lost = lost if recorder.sampled else "not a single joint sample"
+    lost = lost if recorder.sampled else "no joint samples"
     say(f"{path}: {recorder.duration:.3f} s, {sum(log.counts.values())} messages, {lost}")
     raise typer.Exit(0 if recorder.sampled else 1)
 
@@ -90,9 +90,9 @@ def _lines(report: ReplayReport) -> list[str]:
         lines.append(f"largest: {q:.2g} rad, {v:.2g} rad/s, {tau:.2g} N.m")
     counts = {
         "ticks whose sensors are not all in the recording": report.lost,
-        "notes of the laws' inputs are missing": report.gaps,
+        "records of the laws' inputs are missing": report.gaps,
         "commands of the replay are not in the recording": report.unrecorded,
-        "recorded commands did not come about": report.unmatched,
+        "recorded commands were not reproduced": report.unmatched,
     }
     lines += [f"{count} {what}" for what, count in counts.items() if count]
     return [*lines, *([f"ended at {report.end}"] if report.end else [])]
@@ -115,8 +115,8 @@ def plot(
 def export(
     files: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
     out: Annotated[Path, typer.Option(help="Folder of the data set; a new or an empty one.")],
-    fps: Annotated[int, typer.Option(min=1, max=1000, help="Frames in a second.")] = 50,
-    task: Annotated[str, typer.Option(help="Task of everything; otherwise an episode for each command.")] = "",
+    fps: Annotated[int, typer.Option(min=1, max=1000, help="Frames per second.")] = 50,
+    task: Annotated[str, typer.Option(help="Task of a single episode; by default each command is an episode.")] = "",
     robot: Robot = "",
 ) -> None:
     """Write recordings as a LeRobot data set (v3.0): sensor data, commands, the task in words."""
@@ -139,9 +139,9 @@ log_app = typer.Typer(no_args_is_help=True, help="Write logs of the running robo
 
 @log_app.command()
 def imu(
-    csv: Annotated[Path | None, typer.Option("--csv", help="Write a table here.")] = None,
-    mcap: Annotated[Path | None, typer.Option("--mcap", help="Write the messages here.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="For how long; until Ctrl-C otherwise.")] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="CSV file to write.")] = None,
+    mcap: Annotated[Path | None, typer.Option("--mcap", help="MCAP file to write.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help=r"Duration \[s]; by default until Ctrl-C.")] = None,
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
@@ -187,10 +187,10 @@ def imu(
 
 @log_app.command("black-box")
 def black_box(
-    file: Annotated[Path, typer.Argument(help="File of a black box; ~/.local/state/poise/black_box holds them.")],
+    file: Annotated[Path, typer.Argument(help="File of a black box, by default in ~/.local/state/poise/black_box.")],
     out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("out/black_box"),
-    last: Annotated[float, typer.Option(min=0.0, help="Draw so many seconds of its end.")] = 60.0,
-    robot: Annotated[str, typer.Option(help="Robot profile, by name or path; the one it names by default.")] = "",
+    last: Annotated[float, typer.Option(min=0.0, help=r"Duration to draw, at the end of the file \[s].")] = 60.0,
+    robot: Annotated[str, typer.Option(help="Robot profile, by name or path; by default that in the file.")] = "",
 ) -> None:
     """Draw the last seconds before a fault from a black box, and print why it was written."""
     from bridge.analysis.plots import plot_black_box

@@ -46,7 +46,7 @@ def start(
         typer.Argument(help="confirm_gantry, prepare, lower, relax or damp.", autocompletion=lambda: list(START_STEPS)),
     ],
     on_enter: Annotated[
-        bool, typer.Option("--on-enter", help="Join the graph now, and take the step each time that Enter is pressed.")
+        bool, typer.Option("--on-enter", help="Connect now, and request the step each time Enter is pressed.")
     ] = False,
     network: Network = False,
     namespace: Namespace = "",
@@ -57,7 +57,7 @@ def start(
     with connected(network, namespace) as client:
         service = f"{topics.START}{step}"
         if on_enter:
-            say(f"{client.await_trigger(service)}, Enter: {step}; Ctrl-C ends only this")
+            say(f"{client.await_trigger(service)}, Enter: {step}; Ctrl-C ends this command only")
             while client.wait(_typed, float("inf")) and sys.stdin.readline():
                 try:
                     print_reply(client.trigger(service, at_once=step in STOPS))
@@ -86,7 +86,7 @@ def walk(
     left: Annotated[float, typer.Argument(help=r"Velocity to the left \[m/s].")] = 0.0,
     turn: Annotated[float, typer.Argument(help=r"Turning speed to the left \[rad/s].")] = 0.0,
     seconds: Annotated[
-        float, typer.Option(min=0.0, help="How long, in time of the robot; then it stops and stands.")
+        float, typer.Option(min=0.0, help=r"Duration in robot time \[s]; then the robot stops and stands.")
     ] = 5.0,
     to: Annotated[
         tuple[float, float, float] | None,
@@ -96,8 +96,8 @@ def walk(
         bool | None,
         typer.Option(
             "--around/--over",
-            help="From now on, walk to poses around what stands in the way, or step upon it if that can be done; "
-            "with a map of the ground only.",
+            help="For this walk and later ones to a pose: walk around obstacles, or step onto them where possible; "
+            "needs a map of the ground.",
         ),
     ] = None,
     network: Network = False,
@@ -133,11 +133,11 @@ def calibrate(
 
 
 def identify(
-    save: Annotated[
-        Path | None, typer.Option(help="Write a profile with the result here, for poise up --robot.")
-    ] = None,
-    robot: Annotated[str, typer.Option(help="Profile that the result extends; that of the running robot.")] = "",
-    seconds: Annotated[float, typer.Option(min=0.5, help="How long.")] = 4.0,
+    save: Annotated[Path | None, typer.Option(help="Profile to write with the result, for poise up --robot.")] = None,
+    robot: Annotated[
+        str, typer.Option(help="Profile that the result extends; by default that of the running robot.")
+    ] = "",
+    seconds: Annotated[float, typer.Option(min=0.5, help=r"Duration \[s].")] = 4.0,
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
@@ -156,16 +156,16 @@ def identify(
         text = payload_profile(model.profile.source if robot else name, own, found, save)
         say(text.rstrip())
         if save is None:
-            say("poise identify --save my_robot.yaml keeps this as a profile: poise up --robot my_robot.yaml")
+            say("to write a profile: poise identify --save my_robot.yaml; to use it: poise up --robot my_robot.yaml")
         else:
             part = part_beside(save)
             part.write_text(text, encoding="utf-8")
             part.replace(save)
-            say(f"written: {save}; from the next start on: poise up --robot {save}")
+            say(f"written: {save}; to use it at the next start: poise up --robot {save}")
 
 
 def hang(
-    down: Annotated[bool, typer.Option("--down", help="Put it back to its start.")] = False,
+    down: Annotated[bool, typer.Option("--down", help="Return the robot to its start.")] = False,
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
@@ -198,8 +198,10 @@ def send(
             autocompletion=_words,
         ),
     ],
-    key: Annotated[Path | None, typer.Option(help="Sign it with the key in this file; see docs/security.md.")] = None,
-    source: Annotated[str, typer.Option(help="Name that a signed command is sent under.")] = "teleop",
+    key: Annotated[
+        Path | None, typer.Option(help="Sign the command with the key in this file; see docs/security.md.")
+    ] = None,
+    source: Annotated[str, typer.Option(help="Source of a signed command.")] = "teleop",
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
@@ -216,8 +218,10 @@ def reach(
     of: Annotated[
         str, typer.Option("--in", help="Frame of the target: odom, base_footprint, or one of the robot.")
     ] = "base_link",
-    duration: Annotated[float, typer.Option(min=0.0, help=r"Time to get there; 0: as short as can be \[s].")] = 0.0,
-    plan_only: Annotated[bool, typer.Option("--plan-only", help="Say whether and how fast; nothing moves.")] = False,
+    duration: Annotated[float, typer.Option(min=0.0, help=r"Duration of the motion; 0: shortest possible \[s].")] = 0.0,
+    plan_only: Annotated[
+        bool, typer.Option("--plan-only", help="Report feasibility and duration; the robot does not move.")
+    ] = False,
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:

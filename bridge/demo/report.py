@@ -34,20 +34,20 @@ LABELS = {
     "walked_m": ("walked", 1.0, "m"),
     "drift_m": ("drift of the estimate, walking", 1e2, "cm"),
     "drift_percent": ("... of the distance", 1.0, "%"),
-    "closure_m": ("end of the square from its beginning", 1e2, "cm"),
+    "closure_m": ("distance of the end of the square from its start", 1e2, "cm"),
     "latency_us_p50": ("sensors to command, p50", 1e-3, "ms"),
     "latency_us_p99": ("sensors to command, p99", 1e-3, "ms"),
     "latency_us_max": ("sensors to command, largest", 1e-3, "ms"),
     "tick_us_p50": ("whole-body tick, p50", 1e-3, "ms"),
     "tick_us_p99": ("whole-body tick, p99", 1e-3, "ms"),
-    "missed_percent": ("clock periods without a tick: time waited", 1.0, "%"),
+    "missed_percent": ("clock periods without a tick", 1.0, "%"),
     "map_rmse_m": ("map under a sole before it lands, RMSE", 1e3, "mm"),
-    "map_known": ("... share of it that was known", 1e2, "%"),
-    "foothold_along_max_m": ("sole from its planned foothold, along the way, largest", 1e2, "cm"),
+    "map_known": ("... known share", 1e2, "%"),
+    "foothold_along_max_m": ("error of a sole from its planned foothold, along the way, largest", 1e2, "cm"),
     "foothold_across_max_m": ("... across", 1e2, "cm"),
-    "light_to_foothold_s_median": ("light to foothold, median, time of the robot", 1e3, "ms"),
-    "light_to_foothold_s_max": ("light to foothold, largest", 1e3, "ms"),
-    "real_time_factor": ("simulated over real time", 1.0, ""),
+    "light_to_foothold_s_median": ("range measurement to foothold, median, robot time", 1e3, "ms"),
+    "light_to_foothold_s_max": ("range measurement to foothold, largest", 1e3, "ms"),
+    "real_time_factor": ("ratio of simulated to real time", 1.0, ""),
 }
 
 CPU = "cpu_"  #: Prefix of the figures of processor time over robot time, one for each process
@@ -88,7 +88,7 @@ def judge(model: RobotModel, recording: Recording, config: DemoConfig) -> tuple[
 def judge_speed(figures: dict[str, float], config: DemoConfig) -> Check:
     """Check that the scenario ran in real time; ``figures["real_time_factor"]`` is NaN when it did not end."""
     factor = figures["real_time_factor"]
-    cause = "; simulated time waited: other programs used the processor, or it is slow" if factor < SLOW else ""
+    cause = "; simulated time waited: the processor is slow, or other programs used it" if factor < SLOW else ""
     return Check("real time", factor >= config.real_time_min, f"{factor:.2f} of real time{cause}")
 
 
@@ -136,12 +136,12 @@ def print_report(
     console: Console, robot: str, checks: list[Check], stable: dict[str, float], fast: dict[str, float]
 ) -> None:
     """Print the checks and both groups of figures."""
-    table = Table("check", "result", "measured", title=f"{robot}: what happened", title_justify="left")
+    table = Table("check", "result", "measured", title=f"{robot}: checks", title_justify="left")
     for check in checks:
         word = "[green]done[/green]" if check.passed else "[red]failed[/red]"
         table.add_row(check.name, word, escape(check.detail))
     console.print(table)
-    for title, figures in (("how stable", stable), ("how fast", fast)):
+    for title, figures in (("stability", stable), ("speed", fast)):
         table = Table("figure", Column("value", justify="right"), title=title, title_justify="left")
         for name, value in figures.items():
             label, factor, unit = LABELS.get(name, (name, 1.0, ""))
@@ -200,7 +200,7 @@ def judge_walk(model: RobotModel, recording: Recording, config: DemoConfig) -> t
         and abs(turn - 2.0 * np.pi) < config.turn_tolerance
         and bool((size > 0.8 * config.square_side).all())  # 0.8 accepts rounded corners and detects a missing side
     )
-    detail = f"{walked:.2f} m and {np.degrees(turn):.0f} deg; ends {100 * closure:.1f} cm from where it began"
+    detail = f"{walked:.2f} m and {np.degrees(turn):.0f} deg; end {100 * closure:.1f} cm from the start"
     checks = [Check(WALK, square and not fell(recording.q, recording.q[0, 2]), detail)]
     rest = places[recording.t >= recording.t[-1] - config.pause, :2]
     judges: dict[str, Callable[[Recording], tuple[bool, str]]] = {
@@ -261,7 +261,7 @@ def _judge_push(model: RobotModel, part: Recording, height: float, config: DemoC
     shown = part.between(part.t[0], part.t[0] + 0.5)  # half a second: the push has ended and is not yet compensated
     speeds = np.linalg.norm(analyse(model, shown).com_velocity[:, :2], axis=1)
     rise = float(speeds.max() - speeds[0])
-    text = f"{impulse:.0f} N.s, CoM {rise:.2f} m/s faster, walked on"
+    text = f"{impulse:.0f} N.s, CoM {rise:.2f} m/s faster, walk continued"
     return not fell(part.q, height) and rise > 0.3 * abs(config.walk_push), text
 
 

@@ -40,7 +40,7 @@ class Demo:
         """Play the whole scenario; a ``PoiseError`` names the step that failed."""
         stage, config = self._stage, self._stage.config
         stage.graph.wait_standing(config.start_limit)
-        stage.watch(lambda: stage.observer.ready, config.start_limit, "no ground truth or no estimate arrived")
+        stage.watch(lambda: stage.observer.ready, config.start_limit, "no ground truth or no estimate was received")
         began = time.monotonic(), stage.observer.stamp
         stage.say(f"standing; quiet for {config.quiet_time:.0f} s")
         stage.pause(config.quiet_time)
@@ -146,7 +146,7 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
         failure = "processes that did not end cleanly: " + ", ".join(
             f"{name} ({code})" for name, code in crashed.items()
         )
-    checks = [Check("scenario", not failure, failure or "played to its end")]
+    checks = [Check("scenario", not failure, failure or "completed")]
     stable: dict[str, float] = {}
     fast |= latency_figures(latency_file)
     if recording is not None:

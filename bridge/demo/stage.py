@@ -81,14 +81,14 @@ class Stage:
             if stamp > end or time.monotonic() - advanced > self.config.stall_limit:
                 raise PoiseError(f"{otherwise}: mode '{self.graph.mode}', drivers '{self.graph.driver_state}'")
             if self.graph.mode in (Mode.DAMP.value, Mode.OFF.value):
-                raise PoiseError(f"the robot gave up: mode '{self.graph.mode}'; the log says why")
+                raise PoiseError(f"the run ended in mode '{self.graph.mode}'; the log has the reason")
             self.graph.spin(self.config.poll_period)
             self.observer.poll()
 
     def pause(self, duration: float) -> None:
         """Observe for a time on the clock of the robot [s]."""
         end = self.observer.stamp + duration
-        self.watch(lambda: self.observer.stamp >= end, duration + 1.0, "the clock stands still")
+        self.watch(lambda: self.observer.stamp >= end, duration + 1.0, "the clock does not advance")
 
     def note(self, text: str) -> None:
         """Print an event and store it with the recording."""
@@ -138,7 +138,7 @@ class SquareWalk:
         stage.note(f"{WALK} a square of {config.square_side:g} m")
         stage.graph.send("walk")
         self._playing = True
-        stage.watch(lambda: self._walking, config.start_limit, "it does not begin to walk")
+        stage.watch(lambda: self._walking, config.start_limit, "the robot does not begin to walk")
         stage.graph.node.destroy_subscription(self._margin)  # its 50 Hz would delay the other messages
         stage.graph.send("wave")
         for side, (along, left) in enumerate(CORNERS):
@@ -147,7 +147,7 @@ class SquareWalk:
         stage.watch(lambda: self._waved, config.motion_limit, "the wave did not end")
         stage.note(STOP)
         stage.graph.send("stop")
-        stage.watch(lambda: stage.graph.mode == Mode.STAND.value, config.walk_limit, "it does not stop")
+        stage.watch(lambda: stage.graph.mode == Mode.STAND.value, config.walk_limit, "the robot does not stop")
         stage.pause(config.recover_time)
 
     def _go(self, side: int, goal: Foothold) -> None:

@@ -94,10 +94,10 @@ class StairsWalk:
     def play(self, distance: float) -> None:
         """Walk ahead by a distance [m] and stand. Raises ``PoiseError`` if the goal is refused or not reached."""
         stage, scene = self._stage, self._scene
-        stage.watch(lambda: bool(self.maps), scene.map_limit, "no map of the ground arrived")
+        stage.watch(lambda: bool(self.maps), scene.map_limit, "no map of the ground was received")
         start = Foothold(*stage.observer.place)
         stage.graph.send("walk")
-        stage.watch(lambda: self._walking, stage.config.start_limit, "it does not begin to walk")
+        stage.watch(lambda: self._walking, stage.config.start_limit, "the robot does not begin to walk")
         stage.graph.node.destroy_subscription(self._margin)
         stage.note(f"goal {distance:.1f} m ahead")
         self._goals.publish(pose_message(Foothold(*start.moved(distance, 0.0), start.yaw), topics.ODOM_FRAME))
@@ -107,7 +107,7 @@ class StairsWalk:
             raise PoiseError(f"the walk to the goal {self._routes[-1]}")
         stage.note("arrived")
         stage.graph.send("stop")
-        stage.watch(lambda: stage.graph.mode == Mode.STAND.value, stage.config.walk_limit, "it does not stop")
+        stage.watch(lambda: stage.graph.mode == Mode.STAND.value, stage.config.walk_limit, "the robot does not stop")
         stage.pause(1.0)
 
     def _on_plan(self, message: UInt8MultiArray) -> None:
@@ -200,11 +200,11 @@ def judge_stairs(
         else Check("flight", False, "no step was taken"),
         Check("fall", not fallen, "fell" if fallen else "none"),
         Check("map", rmse < scene.map_error, f"RMSE {1e3 * rmse:.1f} mm under the soles before they land"),
-        Check("soles", not beside, f"{beside} not wholly on the ground as they landed"),
+        Check("soles", not beside, f"{beside} touchdowns with a part of the sole beside the ground"),
         Check(
             "footholds",
             bool(along < scene.foothold_error),
-            f"at most {1e2 * along:.1f} cm off along the way, {1e2 * across:.1f} cm across for balance",
+            f"largest error {1e2 * along:.1f} cm along the way, {1e2 * across:.1f} cm across (includes balance)",
         ),
     ]
     figures = {
@@ -273,7 +273,7 @@ def demo_stairs(robot: str, out: Path) -> int:
         walk = StairsWalk(stage, scene)
         try:
             graph.wait_standing(config.start_limit)
-            stage.watch(lambda: stage.observer.ready, config.start_limit, "no ground truth or no estimate arrived")
+            stage.watch(lambda: stage.observer.ready, config.start_limit, "no ground truth or no estimate was received")
             began, used = (time.monotonic(), stage.observer.stamp), cpu_times(graph.pids)
             walk.play(way)
             passed = stage.observer.stamp - began[1]
@@ -289,7 +289,7 @@ def demo_stairs(robot: str, out: Path) -> int:
         failure = failure or str(error)
     finally:
         graph.stop()
-    checks = [Check("scenario", not failure, failure or "played to its end")]
+    checks = [Check("scenario", not failure, failure or "completed")]
     figures: dict[str, float] = {}
     if recording is not None:
         judged, figures = judge_stairs(model, recording, landings, scene, terrain)

@@ -125,7 +125,7 @@ class HardwareDrivers(Drivers):
             )
         super().set_mode(mode)
         if mode is Mode.DAMP and startup.state not in BEFORE_RELEASE:
-            startup.damp("mode damp was requested; faults of poise status say whether by the supervisor")
+            startup.damp("mode damp was requested; if by the supervisor, poise status shows the fault")
 
     def relax(self) -> str:
         """Let a robot sink that stands still in a low posture; ``CommandError`` in any other state."""
@@ -133,11 +133,13 @@ class HardwareDrivers(Drivers):
         if startup.state is StartState.STAND:
             height, limit = self._height(self._q) / self._standing_height, startup.config.relax_height
             if self._mode is not Mode.STAND:
-                raise CommandError(f"relax refused in mode '{self._mode.value}': stop, then crouch, or damp")
+                raise CommandError(
+                    f"relax refused in mode '{self._mode.value}': send stop, then crouch, or request damp"
+                )
             if not height < limit:
                 raise CommandError(
                     f"relax refused: the base is at {100.0 * height:.0f} % of its standing height, below "
-                    f"{100.0 * limit:.0f} % is required: crouch first, or damp"
+                    f"{100.0 * limit:.0f} % is required: send crouch first, or request damp"
                 )
         return startup.relax()
 

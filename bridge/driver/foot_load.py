@@ -115,7 +115,7 @@ def payload_profile(extends: str, name: str, payload: Payload, file: Path | None
         ConfigError: ``file``, the target of the text, is the extended profile.
     """
     if file is not None and file.resolve() == Path(extends).resolve():
-        raise ConfigError(f"{file}: this profile is what the result extends; give the new one another name")
+        raise ConfigError(f"{file}: the result extends this profile; give the new profile another name")
     found = {"mass": round(payload.mass, 3), "com": [round(each, 4) for each in payload.com]}
     data = {"extends": extends, "name": name, "payload": found}
     about = "# Written by poise identify: mass [kg], shift of the whole robot's CoM forward and left [m]\n"

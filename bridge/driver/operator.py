@@ -67,7 +67,7 @@ class StartServices:
             self._values_due = now + VALUES_PERIOD
             monitored = {} if silent else plant.monitored
             self._values = tuple(f"{name}: {value}" for name, value in monitored.items())
-        remote = _last_sign(plant.remote_age)
+        remote = _last_signal(plant.remote_age)
         warnings = (*plant.warnings, *silent)
         status = StartStatus(str(startup.state), startup.waits_for, warnings, plant.holds, self._values, remote)
         change = status.state, cause_of(status.waits_for)
@@ -88,7 +88,7 @@ class StartServices:
             "start waits for": startup.waits_for,
             "load on the feet [%]": f"{100.0 * startup.load:.0f}",
             "tilt [rad]": f"{startup.tilt:.2f}",
-            "remote controller": _last_sign(self._drivers.plant.remote_age) or "none",
+            "remote controller": _last_signal(self._drivers.plant.remote_age) or "none",
             **self._drivers.plant.report,
         }
 
@@ -102,8 +102,8 @@ class StartServices:
         return level, "; ".join([*parts, startup.reason] if startup.reason else parts)
 
 
-def _last_sign(age: float | None) -> str:
-    """Text for the age [s] of a remote controller's last sign, in whole seconds; empty without a remote controller."""
+def _last_signal(age: float | None) -> str:
+    """Text for the age [s] of a remote controller's last signal, in seconds; empty without a remote controller."""
     if age is None:
         return ""
-    return f"last sign {age:.0f} s ago" if isfinite(age) else "no sign yet"
+    return f"last signal {age:.0f} s ago" if isfinite(age) else "no signal yet"

@@ -134,13 +134,13 @@ class Startup:
     @property
     def _unknown(self) -> str:
         """Condition that ends ``listen`` after a crash."""
-        doubts = "; ".join(self._doubts) or f"no doubt for {self.config.quiet_time:g} s"
-        found = f"{doubts}: nothing is commanded, as another controller may be active ({self.reason})"
+        doubts = "; ".join(self._doubts) or f"{self.config.quiet_time:g} s without a sign of another controller"
+        found = f"{doubts}: nothing is commanded, because another controller may be active ({self.reason})"
         if self._elapsed <= self.config.answer_timeout:
             return found
         return (
-            f"{found}; the robot may execute the last command for ever: hold it by its rope, then "
-            f"switch it off, or poise start damp, or its stop button, if no other controller commands it"
+            f"{found}; the robot may still execute the last command: secure it with its rope, then switch it off, or, "
+            f"if no other controller commands it, use poise start damp or its stop button"
         )
 
     @property
@@ -192,7 +192,7 @@ class Startup:
         if self._monitor_holds:
             raise CommandError(f"lower refused: {'; '.join(self._monitor_holds)}")
         if not self.tilt < self.config.tilt_max:
-            raise CommandError(f"lower refused: {self.grounded}; hang the robot upright, and call it again")
+            raise CommandError(f"lower refused: {self.grounded}; hang the robot upright, and request it again")
         lowered = self.grounded
         self._enter(StartState.HELD)
         self.load = 0.0  # its torques begin without a step
@@ -219,11 +219,11 @@ class Startup:
         """
         if self.state is StartState.RELEASE and self._vendor != "":
             self._stopped = self._stopped or reason
-            return f"joints are damped as soon as {self._own} has ended; until then it commands: use its own stop"
+            return f"joints are damped as soon as {self._own} has ended; until then use its stop function"
         if self.state in BEFORE_RELEASE and not self._limp:
             doubts = "; ".join(self._doubts) if self._vendor == "" else "nothing is commanded yet"
             stops = f", or that of {self._own}" if self._own and self._vendor != "" else ""
-            raise CommandError(f"damp refused: {doubts}; use the robot's stop{stops}")
+            raise CommandError(f"damp refused: {doubts}; use the stop function of the robot{stops}")
         if self.state is not StartState.DAMPED:
             self.reason = reason
             self._enter(StartState.DAMPED)
@@ -316,13 +316,13 @@ class Startup:
 
     def _require(self, name: str, state: StartState) -> None:
         if self.state is not state:
-            next_step = f"; it waits for {self.waits_for}" if self.waits_for else ""
-            raise CommandError(f"{name} refused in state '{self.state}', it is for '{state}'{next_step}")
+            next_step = f"; the start waits for {self.waits_for}" if self.waits_for else ""
+            raise CommandError(f"{name} refused in state '{self.state}': it needs state '{state}'{next_step}")
 
     def _require_hanging(self, name: str) -> None:
         if self.grounded:
             raise CommandError(
-                f"{name} refused: {self.grounded}; hang the robot upright, its feet in the air, and call it again"
+                f"{name} refused: {self.grounded}; hang the robot upright, its feet in the air, and request it again"
             )
 
     @property

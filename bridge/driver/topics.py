@@ -274,7 +274,7 @@ def declare_simulation(node: PoiseNode) -> None:
     for name, default, descriptor in (
         ("push.force", [0.0, 60.0, 0.0], parameter("Force of the service push, in the world [N]")),
         ("push.duration", 0.1, parameter("Duration of a push [s]", low=0.001, high=10.0)),
-        ("push.body", "base_link", parameter("Body that the service push pushes")),
+        ("push.body", "base_link", parameter("Body on which the force of the service push acts")),
         ("obstacle.place", [2.0, 0.0], parameter("Centre of the box of the service obstacle, x and y in W [m]")),
         (SCENARIO, "", parameter("Faults of faults/inject: YAML, a file, or the name of a packaged scenario")),
     ):
@@ -367,7 +367,7 @@ class SimulationServices:
             return self._log("no obstacle")
         place = self._value("obstacle.place")
         if len(place) != 2:
-            raise CommandError(f"obstacle.place: {len(place)} numbers instead of x and y")
+            raise CommandError(f"obstacle.place: expected x and y, found {len(place)} numbers")
         self._plant.obstacle.place(float(place[0]), float(place[1]))
         return self._log(f"obstacle at ({place[0]:g}, {place[1]:g}) m")
 

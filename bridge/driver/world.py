@@ -90,7 +90,7 @@ class DriverWorld:
             for name in SHARED:
                 values = {getattr(driver.config, name) for driver in self.drivers}
                 if len(values) > 1:
-                    raise ConfigError(f"{name}: the robots of a world share it, and {values} were given")
+                    raise ConfigError(f"{name}: must be equal for all robots of a world, found {values}")
             self._world = MujocoWorld(
                 {robot_name(driver): driver.model for driver in self.drivers},
                 {robot_name(driver): Place(*driver.config.place) for driver in self.drivers},
@@ -131,7 +131,7 @@ class DriverWorld:
             if driver.paused and driver is not asking:
                 name = robot_name(driver)
                 raise CommandError(
-                    f"'{name}' holds the pause of the world, in which no robot moves; end it: "
+                    f"'{name}' has paused the world, so no robot moves; end the pause: "
                     f"ros2 service call /{name}/pause std_srvs/srv/SetBool '{{data: false}}'"
                 )
 

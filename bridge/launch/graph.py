@@ -64,7 +64,7 @@ def own_motions(robot: str, folder: Path) -> Parameters:
     }
 
 
-STARTING = "starting; where the kernels have not been compiled before, that takes minutes"
+STARTING = "starting; the first start takes minutes, because the kernels are compiled"
 START_TIMEOUT = 900.0  #: Longest wait for the answer of a starting node [s]; the first start compiles
 SPIN_TIMEOUT = 0.05  #: Longest wait for a callback between two checks of the processes [s]
 RESTARTS_MAX = 5  #: Restarts of one process after which the launcher gives up
@@ -275,7 +275,7 @@ class Graph:
 
     def _restart(self, process: GraphProcess) -> None:
         if not count_restart(process, self._say):
-            self._say(f"{process.spec.module} crashed {process.restarts} times: the graph goes on without it")
+            self._say(f"{process.spec.module} crashed {process.restarts} times: the graph continues without it")
             self._processes.remove(process)
             return
         process.start()
@@ -352,7 +352,7 @@ def up(
 def actions_possible(requested: bool, say: Callable[[str], object]) -> bool:
     """Whether actions are requested and their types exist; ``say`` is called with the missing types."""
     if requested and (missing := missing_types()):
-        say(f"no actions: {missing}")
+        say(f"actions are not available: {missing}")
         return False
     return requested
 

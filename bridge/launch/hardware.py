@@ -43,7 +43,7 @@ def hardware_options(
     if not isinstance(domain, int) or not 0 <= domain <= LAST_DOMAIN:
         raise ConfigError(f"domain: {domain!r} is not a DDS domain, 0 to {LAST_DOMAIN}")
     if plant != ROS2_CONTROL and not interface:
-        raise ConfigError(f"--plant {plant} needs --network-interface: this computer's to the robot, such as eth0")
+        raise ConfigError(f"--plant {plant} needs --network-interface, the one to the robot, such as eth0")
     interface = interface or LOOPBACK_INTERFACE
     rate_of_states = _agreed("robot-rate", None if rate is None else float(rate), given, "rate")
     end = _agreed("at-end", at_end, given, "at_end")

@@ -88,7 +88,7 @@ class RobotNetwork:
         graph = ros_domain(graph_domain)
         if graph == self.domain:
             raise ConfigError(
-                f"ROS domain {graph} is the robot's: the graph's topics would be offered to its network; choose "
+                f"ROS domain {graph} is that of the robot: the graph's topics would appear in its network; choose "
                 f"another one in every terminal, such as export ROS_DOMAIN_ID={self.domain + 1}"
             )
         return interface_address(self.interface)

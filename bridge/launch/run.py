@@ -105,7 +105,9 @@ def run_until_signal(
         raise _Interrupted
 
     def on_suspend(number: int, frame: Any) -> None:
-        os.write(2, b"not suspended, as the robot would go on; Ctrl-C ends it\n")  # say() may be interrupted itself
+        os.write(
+            2, b"not suspended, because the robot would continue to move; Ctrl-C ends this\n"
+        )  # say() may be interrupted itself
 
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     previous[signal.SIGTSTP] = signal.signal(signal.SIGTSTP, on_suspend)
@@ -132,7 +134,7 @@ def run_until_signal(
                     graph.spin(0.2)
             if end is not None and interrupts_left >= 0:
                 with reported():
-                    say("lowering the robot; Ctrl-C damps it at once")
+                    say("lowering the robot; Ctrl-C damps it immediately")
                     end(graph)
             ignore_signals()
             graph.stop()

@@ -211,7 +211,7 @@ def _merged(common: Parameters, own: Parameters) -> dict[str, dict[str, object]]
     """Parameters by node; ``own`` overrides ``common``. ``PoiseError`` when ``own`` has a parameter of the world."""
     alone = [name for name in own.get(BRIDGE_NODE, {}) if name in SHARED]
     if alone:
-        raise PoiseError(f"{', '.join(alone)}: of the world, not of one robot")
+        raise PoiseError(f"{', '.join(alone)}: must be equal for all robots of a world; set it for all")
     return {node: {**common.get(node, {}), **own.get(node, {})} for node in {**common, **own}}
 
 
@@ -232,7 +232,7 @@ def inhabitants(robots: str, places: Sequence[str], motions: Path | None) -> dic
         if not name or not equals or not robot.strip():
             raise ConfigError(f"--robots: '{text}' is not NAMESPACE=ROBOT, such as robot_1=g1")
         if name in found:
-            raise ConfigError(f"--robots: '{name}' is there twice")
+            raise ConfigError(f"--robots: '{name}' is given twice")
         found[name] = robot.strip()
     begins = dict(map(_place, places))
     for name in begins:

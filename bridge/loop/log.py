@@ -179,7 +179,7 @@ class LoopBlackBox:
 def make_recorder(robot: RobotModel, path: Path, *, replayable: bool) -> LoopRecorder:
     """Recorder of a loop; ``ConfigError`` unless the run can be replayed, ``PoiseError`` without messages of ROS 2."""
     if not replayable:
-        raise ConfigError("mcap: only a run on its sensors and with the robot's own laws can be replayed")
+        raise ConfigError("mcap: a replay needs estimate='sensors' and no other controller")
     try:
         from bridge.loop.recorder import LoopRecorder
     except ImportError as error:

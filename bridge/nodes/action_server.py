@@ -51,7 +51,7 @@ async def track_motion(
         if newest is not None and newest.state is MotionState.REFUSED and bool(newest.request) is planned:
             return Outcome(False, ": ".join(part for part in (newest.request, newest.reason) if part))
         if newest is not None and newest.state is MotionState.DONE and running:
-            return Outcome(True, "played to its end")
+            return Outcome(True, "completed")
         ended = newest if newest is not None and newest.state is MotionState.ENDED and running else None
         if ended is not None:
             await robot.turn()  # the mode that ended it, and its reasons, may arrive later
@@ -81,7 +81,7 @@ async def _halt(robot: RobotClient) -> str:
     config = robot.config
     await robot.until(lambda: not robot.at_rest, 2.0 * config.period)  # the stop takes effect with a delay
     over = await robot.until(lambda: robot.at_rest or bool(robot.stopped), config.halt_timeout)
-    return "it holds its posture" if over else f"the motion has not ended within {config.halt_timeout:g} s"
+    return "the robot holds its posture" if over else f"the motion has not ended within {config.halt_timeout:g} s"
 
 
 def _words(text: str) -> list[str]:
@@ -139,13 +139,15 @@ class FollowJointTrajectory(Action):
         except JointNameError as error:
             return Outcome(False, str(error), code=codes.INVALID_JOINTS)
         if not names:
-            return Outcome(False, "no joints are named", code=codes.INVALID_JOINTS)
+            return Outcome(False, "joint_names is empty", code=codes.INVALID_JOINTS)
         absent = [each.name for each in request.goal_tolerance if each.name not in names]
         if absent:
             message = f"goal_tolerance: joint '{absent[0]}' is not in the trajectory"
             return Outcome(False, message, code=codes.INVALID_GOAL)
         if request.multi_dof_trajectory.points:
-            return Outcome(False, "multi_dof_trajectory: the robot has no such joints", code=codes.INVALID_GOAL)
+            return Outcome(
+                False, "multi_dof_trajectory: not supported, the robot has single joints only", code=codes.INVALID_GOAL
+            )
         return None
 
     async def run(self, handle: Any, turn: Turn) -> Outcome:
@@ -233,13 +235,13 @@ class WalkTo(Action):
             if handle.is_cancel_requested:
                 return Outcome(False, "cancelled", cancelled=True)
             if running and newest.state is RouteState.DONE:
-                return Outcome(True, "there")
+                return Outcome(True, "goal reached")
             if newest.state is RouteState.REFUSED or (running and newest.state is not RouteState.RUNNING):
                 return Outcome(False, newest.reason)
             if not running and now - begin > config.answer_timeout:
                 return Outcome(False, newest.reason or f"no answer to the goal within {config.answer_timeout:g} s")
             if now - begin > config.walk_timeout:
-                return Outcome(False, f"not there within {config.walk_timeout:g} s")
+                return Outcome(False, f"goal not reached within {config.walk_timeout:g} s")
             if not running and robot.gait_ready and now >= next_time:
                 next_time, sent = now + config.goal_period, sent + 1
                 self._publish(goal)
@@ -261,7 +263,7 @@ class WalkTo(Action):
         if reply.accepted and await robot.until(lambda: robot.mode != Mode.WALK.value, timeout):
             return Outcome(outcome.success, f"{outcome.message}; mode '{robot.mode}'", outcome.cancelled)
         reason = f"the walk did not stop within {timeout:g} s" if reply.accepted else reply.reason
-        return Outcome(False, f"{outcome.message}; no standstill: {reason}", outcome.cancelled)
+        return Outcome(False, f"{outcome.message}; the robot did not stop: {reason}", outcome.cancelled)
 
 
 FOLLOW = "joint_trajectory_controller/follow_joint_trajectory"  #: Name that MoveIt uses
@@ -277,7 +279,7 @@ class ActionServerNode(PoiseNode):
         super().__init__("action_server", **kwargs)
         self._config = declare_config(self, default_config(ActionsConfig, "bridge", "actions"))
         known = default_config(SupervisorConfig, "controllers", "supervisor").motions
-        text = describe("Motions that the supervisor knows, for refusals")
+        text = describe("Motions of the supervisor; refusals list them")
         self._motions = self.declare_parameter("motions", list(known), text).value
 
     def configure(self) -> None:

@@ -40,7 +40,7 @@ class CameraNode(PoiseNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("camera_node", **kwargs)
         self._config = declare_config(self, default_config(CameraConfig, "bridge", "camera"))
-        text = "Ground of the simulated world, as the driver has it: flat, tiles, box, ..."
+        text = "Ground of the simulated world, as in the driver: flat, tiles, box, ..."
         self._terrain = declare(self, "terrain", FLAT, text)
         self._camera: SimulatedCamera | None = None
         self._took = 0.0
@@ -90,7 +90,7 @@ class CameraNode(PoiseNode):
     def _on_target(self, message: Any) -> None:
         point = np.array([message.point.x, message.point.y, message.point.z])
         if not np.isfinite(point).all():
-            self.refuse(topics.CAMERA_TARGET, f"point: {point.tolist()} m is no place")
+            self.refuse(topics.CAMERA_TARGET, f"point: {point.tolist()} m is not finite")
         elif message.header.frame_id not in ("", topics.ODOM_FRAME):
             self.refuse(topics.CAMERA_TARGET, f"header.frame_id: '{message.header.frame_id[:32]}' instead of 'odom'")
         elif self._camera is not None:

@@ -77,7 +77,7 @@ def main(args: list[str] | None = None) -> None:
                 link.send(command)
             if guard.interventions > reported:
                 reported = guard.interventions
-                log.write("damping until the end" if ending else "the driver is silent: damping")
+                log.write("damping until the end" if ending else "no commands of the driver: damping")
             if not guard.armed:
                 ignored = guard.foreign
             elif guard.foreign - ignored > limit:

@@ -51,7 +51,7 @@ class RangeSensorNode(PoiseNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("range_sensor_node", **kwargs)
-        text = "Ground of the simulated world, as the driver has it: flat, tiles, box, ..."
+        text = "Ground of the simulated world, as in the driver: flat, tiles, box, ..."
         self._terrain = declare(self, "terrain", FLAT, text)
         self._seed = declare(self, "seed", 0, "Seed of the sensors' errors", integer=(0, 2**63 - 1))
         self._noise = declare(self, "noise", 1.0, "Factor on the errors of the profile", low=0.0, high=100.0)

@@ -87,7 +87,7 @@ class RobotDriver(PoiseNode):
         simulated = plant if isinstance(plant, SimulatedPlant) else None
         for name in ("lockstep", "latency_file"):
             if getattr(config, name) and simulated is None:
-                raise ConfigError(f"{name}: for simulated plants only, and '{config.plant}' is none")
+                raise ConfigError(f"{name}: for simulated plants only, and '{config.plant}' is not simulated")
         self._simulated: SimulatedDrivers | None = None
         if simulated is not None:
             start = default_config(LoopConfig, "bridge", "closed_loop")
@@ -129,7 +129,7 @@ class RobotDriver(PoiseNode):
                 raise ConfigError(f"plant: several robots share a world of '{MUJOCO}', not of '{config.plant}'")
             return make_plant(config.plant, self.model, read_options(config.plant_options))
         if self._world is None and any(config.place):
-            raise ConfigError("place: the only robot of a world begins at its origin")
+            raise ConfigError("place: only robots of a world with several robots have one")
         Place(*config.place)  # refuses non-finite values
         return MujocoPlant(
             self.model,
@@ -357,7 +357,7 @@ def _ticks_between(rate: float, period: float) -> int:
     """Ticks of a period [s] between samples at a rate [Hz]; ``ConfigError`` unless the rate divides the tick rate."""
     ticks = round(1.0 / (rate * period))
     if ticks < 1 or abs(ticks * rate * period - 1.0) > 1e-6:  # 1e-6: rounding of the quotient
-        raise ConfigError(f"sensor_rate: the tick rate {1.0 / period:.0f} Hz is no multiple of {rate:g} Hz")
+        raise ConfigError(f"sensor_rate: the tick rate {1.0 / period:.0f} Hz is not a multiple of {rate:g} Hz")
     return ticks
 
 
@@ -368,7 +368,9 @@ def main(args: list[str] | None = None) -> None:
     if not names:
         sys.exit(run([RobotDriver], given, run_plant))
     if len(set(names)) != len(names):
-        sys.exit("robot_driver: name each robot once: robot_driver robot_1 robot_2 --ros-args --params-file FILE")
+        sys.exit(
+            "robot_driver: a name is given twice; usage: robot_driver robot_1 robot_2 --ros-args --params-file FILE"
+        )
     try:
         namespaces = [absolute_namespace(name) for name in names]
     except PoiseError as error:

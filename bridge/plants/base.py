@@ -133,7 +133,7 @@ class HardwarePlant(Plant, Protocol):
 
     @property
     def remote_age(self) -> float | None:
-        """Time since the last sign of the remote controller [s]; infinite before the first, None without a remote."""
+        """Time since the last signal of the remote controller [s]; infinite before the first, None without a remote."""
         return None
 
     @property
@@ -332,6 +332,6 @@ def release_loaded(
         reason = fault()
         if reason or gate.waited > config.settle_limit:
             reason = reason or f"the feet carry {gate.load:.0f} N of {gate.weight:.0f} N"
-            raise PoiseError(f"{robot.name} cannot be let go after {gate.waited:.1f} s: {reason}")
+            raise PoiseError(f"{robot.name} cannot be released after {gate.waited:.1f} s: {reason}")
         step()
     plant.release()

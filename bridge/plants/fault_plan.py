@@ -64,14 +64,16 @@ class Fault:
         if self.kind not in PARAMETERS:
             raise ConfigError(f"fault of {self.target}: unknown kind '{self.kind}'; known: {', '.join(PARAMETERS)}")
         if self.target == "stamps" and self.kind not in STAMP_KINDS:
-            raise ConfigError(f"fault of stamps: kind '{self.kind}' makes no sense; known: {', '.join(STAMP_KINDS)}")
+            raise ConfigError(
+                f"fault of stamps: kind '{self.kind}' is not possible for stamps; known: {', '.join(STAMP_KINDS)}"
+            )
         own = PARAMETERS[self.kind]
         for name in [field.name for field in fields(self)][2:]:
             given = getattr(self, name)
             if given is None:
                 continue
             if name not in ("start", "end", *own):
-                raise self._refusal(name, f"not for this kind; known: {', '.join(('start', 'end', *own))}")
+                raise self._refusal(name, f"not a parameter of this kind; known: {', '.join(('start', 'end', *own))}")
             self._check(name, given)
         for name, refused, why in self._rules(own):
             if refused:
@@ -128,10 +130,10 @@ class Fault:
             yield own[0], not given, "missing"
         if self.kind == "wrong":
             refused = ("value" in given) == bool(given - {"value"})
-            yield "value", refused, "give either it, or some of offset, scale and drift"
+            yield "value", refused, "give either value, or some of offset, scale and drift"
         if self.kind == "intermittent":
-            yield "probability", ("probability" in given) == ("period" in given), "give either it, or period"
-            yield "share", "share" in given and "period" not in given, "of what? give period"
+            yield "probability", ("probability" in given) == ("period" in given), "give either probability or period"
+            yield "share", "share" in given and "period" not in given, "needs period"
 
 
 @dataclass(frozen=True, slots=True)

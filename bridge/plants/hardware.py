@@ -254,7 +254,7 @@ class RunMarker:
         if file.exists():
             raise ConfigError(
                 f"process {file.read_text(encoding='utf-8').strip()} is the driver of another 'poise up' and commands "
-                "this robot: end that with Ctrl-C before another one is started"
+                "this robot: end it with Ctrl-C before you start another one"
             )
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -262,7 +262,7 @@ class RunMarker:
                 trial.write(b"\n")
         except OSError as error:
             raise ConfigError(
-                f"{file.parent} cannot be written, where a driver that commands the robot leaves its mark: {error}; "
+                f"{file.parent} cannot be written, the folder of the driver's marker file: {error}; "
                 "free space there, or set XDG_STATE_HOME to another folder"
             ) from error
 
@@ -277,7 +277,9 @@ class RunMarker:
                 locked.truncate(0)
                 locked.write(f"{os.getpid()}\n".encode())
         except OSError as error:
-            self.failure = f"the mark of this run is incomplete, and a crash of the driver may not be known: {error}"
+            self.failure = (
+                f"the marker of this run is incomplete, so a crash of the driver may not be detected: {error}"
+            )
 
     def remove(self) -> None:
         """Remove the marker after the last command; the next command begins a new run."""

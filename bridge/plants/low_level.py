@@ -141,7 +141,9 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         """Failed checks of the robot's messages."""
         sample, found = self._sample, list[str]()
         if self._closed:
-            return ("the connection was closed with the driver's deactivation: clean it up and configure it again",)
+            return (
+                "the connection was closed when the driver was deactivated: clean up the driver and configure it again",
+            )
         if sample is None:
             why = f"; refused: {self._why}" if self._why else ", check cable, address and domain"
             return (f"no {self.state_name} on {self._where}{why}",)

@@ -95,7 +95,9 @@ class HardwareMonitor:
             self._error(sample.motor_state),
             None
             if given.voltage is None or sample.voltage.any()
-            else Finding(Level.WARN, "no voltage", "voltage: measured by no drive, so that a low one is not noticed"),
+            else Finding(
+                Level.WARN, "no voltage", "voltage: not measured by any drive, so a low voltage is not detected"
+            ),
         ]
 
     def _worst(

@@ -85,7 +85,7 @@ class MujocoPlant(SimulatedPlant):
         )
         present, self.mujoco = self.world.robot(name)
         if present is not model:
-            raise ConfigError(f"world: '{name}' is another {present.name} than the {model.name} given")
+            raise ConfigError(f"world: '{name}' has a model of {present.name}, not the given model of {model.name}")
         self.name = name
         self.model, self.data = self.world.model, self.world.data
         self.ground, self.obstacle = self.world.ground, self.world.obstacle

@@ -129,7 +129,7 @@ class MujocoWorld:
             if other := self.touching(name):
                 data.qpos[mj.qpos], data.qvel[mj.qvel] = before
                 mujoco.mj_forward(self.model, data)
-                raise CommandError(f"world: {other} is in the place of {name}")
+                raise CommandError(f"world: the place of {name} is occupied by {other}")
         data.ctrl[mj.actuator] = 0.0
         data.xfrc_applied[mj.own_bodies] = 0.0
         data.qacc_warmstart[mj.qvel] = 0.0

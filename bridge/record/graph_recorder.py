@@ -107,7 +107,7 @@ class GraphRecorder:
             if self.received != before:
                 before, since = self.received, now
             elif self.received and now - since > SILENCE:
-                say(f"the robot is silent for {SILENCE:.0f} s: the recording ends")
+                say(f"no message of the robot for {SILENCE:.0f} s: the recording ends")
                 return
             if not self._now and not waited and now - begin > PATIENCE:
                 waited = True
@@ -224,4 +224,4 @@ class ImuListener:
                     received, since = self.count, time.monotonic()
                 elif time.monotonic() - since > silence:
                     remedy = _robots_up(node) or "is the robot up? (poise up)"
-                    raise CommandError(f"{topics.IMU_DATA} is silent for {silence:.0f} s: {remedy}")
+                    raise CommandError(f"no message on {topics.IMU_DATA} for {silence:.0f} s: {remedy}")

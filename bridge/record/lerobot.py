@@ -48,7 +48,7 @@ class LeRobotDataset:
 
     def __init__(self, folder: Path, robot: str, fps: int, state: Quantity, action: Quantity) -> None:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise PoiseError(f"{folder}: is there already; name an empty or a new folder")
+            raise PoiseError(f"{folder}: exists already and is not an empty folder; give an empty or a new one")
         self._folder, self._part = folder, folder.with_name(f".{folder.name}.part")
         self._robot, self._fps = robot, fps
         self._quantities = {STATE: state, ACTION: action}
@@ -219,7 +219,7 @@ def export(files: Sequence[Path], folder: Path, fps: int, task: str = "", robot:
     try:
         for file, run in zip(files, chain((first,), runs), strict=True):
             if run.robot.name != name:
-                raise PoiseError(f"{file}: is of '{run.robot.name}', the ones before of '{name}'")
+                raise PoiseError(f"{file}: is of robot '{run.robot.name}', the files before it of '{name}'")
             for episode in episodes(run, fps, task):
                 dataset.add(episode)
         dataset.close()

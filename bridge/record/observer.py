@@ -83,7 +83,7 @@ class Observer:
         """The run at the stamps of the true base; other topics are interpolated. ``PoiseError`` for a silent topic."""
         silent = [topic for topic, rows in self._rows.items() if topic != topics.ODOM and len(rows) < 2]
         if silent:
-            raise PoiseError(f"nothing to record: {', '.join(silent)} silent")
+            raise PoiseError(f"no recording: no messages on {', '.join(silent)}")
         t, base = _table(self._rows[topics.GROUND_TRUTH])
 
         def at_base(topic: str) -> Matrix:

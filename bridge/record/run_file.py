@@ -67,14 +67,14 @@ def missing(stamps: Iterable[int]) -> int:
 def read_run(path: Path, robot: str = "") -> RecordedRun:
     """Read an MCAP file of ``poise record`` or a closed loop; ``robot`` replaces its profile. Raises ``PoiseError``."""
     if path.suffix == SUFFIX:
-        raise PoiseError(f"{path}: is a black box, not a recording; `poise log black-box` draws it")
+        raise PoiseError(f"{path}: is a black box, not a recording; use `poise log black-box`")
     try:
         with path.open("rb") as file:
             reader = make_reader(file)
             named = [each.metadata for each in reader.iter_metadata() if each.name == DESCRIPTION]
             name = robot or (named[-1].get(ROBOT, "") if named else "")
             if not name:
-                raise PoiseError(f"{path}: does not say which robot it is of; name it with --robot")
+                raise PoiseError(f"{path}: does not name its robot; give it with --robot")
             run = RecordedRun(RobotModel.load(name))
             takers = _takers(run)
             summary = reader.get_summary()

@@ -72,8 +72,8 @@ def replay(run: RecordedRun) -> ReplayReport:
     start = next((note for note in run.notes if note.value("start") is not None), None)
     if start is None:
         raise PoiseError(
-            "the recording does not hold a start of the laws, so nothing can be reproduced: begin to record before the "
-            "robot is started, or have it start over meanwhile (service reset)"
+            "the recording does not contain the start of the laws, which a replay needs: start the recording before "
+            "the robot, or reset the robot while recording (service reset)"
         )
     laws = ReplayedStack(run.robot, start.value("start")["settings"], run.motions)
     report = ReplayReport(gaps=_gaps([note for note in run.notes if note.stamp >= start.stamp]))
@@ -198,12 +198,12 @@ def replay_box(record: BlackBoxRecord, robot: str = "") -> ReplayReport:
     """
     if record.format < FORMAT:
         raise PoiseError(
-            f"the black box was written by an earlier version (format {record.format}): it holds no state of "
-            "the laws that this one can begin with, so it can be looked at (poise log black-box), not run again"
+            f"the black box was written by an earlier version (format {record.format}) without an initial state of "
+            "the laws for this version: it can be drawn (poise log black-box), but not replayed"
         )
     if record.replay is None:
         raise PoiseError(
-            "the black box holds no state of the laws to begin with: no law had moved the joints, rows are missing "
+            "the black box contains no initial state of the laws: no law had moved the joints, rows are missing "
             "(black_box.period is longer than a tick), or estimator and controller ran in different processes"
         )
     start = record.replay.record

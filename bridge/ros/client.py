@@ -158,7 +158,7 @@ class Client:
     def paused(self) -> str:
         """Remedy when the time of a simulated robot stands still; empty while it advances, and for a real robot."""
         pause = f'ros2 service call {self.namespace}/pause std_srvs/srv/SetBool "{{data: false}}"'
-        text = f"the robot's time stands still: poise reset, or {pause}, ends a pause of the simulation"
+        text = f"the robot's time does not advance: poise reset, or {pause}, ends a pause of the simulation"
         return "" if self.factor or self.node.count_publishers(topics.START_STATUS) else text
 
     def robot(self, timeout: float = 5.0) -> str:
@@ -180,11 +180,11 @@ class Client:
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         remedy = f"poise up ({holder}) is starting, or does not answer; use the remote controller of a real robot"
         if not holder:
-            remedy = elsewhere or f"none is known in ROS domain {domain}, that of this terminal"
+            remedy = elsewhere or f"no robot is known in ROS domain {domain}, that of this terminal"
             remedy += "; if none is up, start it with: poise up"
         robots = namespaces_of_robots(self.node)
         if self.namespace in robots:
-            up = "is up: poise status says what it does"
+            up = "is up: poise status shows its state"
             remedy = self.paused or f"the robot {up if self.status else 'is starting, or does not answer: try again'}"
         elif robots:
             remedy = other_namespaces(robots)
@@ -374,18 +374,18 @@ def next_step(status: SupervisorStatus, start: StartStatus | None = None) -> str
     """Next action of the user, from the status of the supervisor and, optionally, of the start of a real robot."""
     if start is not None and start.waits_for:
         stopped = "emergency stop" in status.faults
-        return start.waits_for + ("; it does not stand before poise mode reset_faults" if stopped else "")
+        return start.waits_for + ("; standing then needs poise mode reset_faults" if stopped else "")
     moving = status.mode not in (Mode.OFF, Mode.DAMP)
     if status.fallen and not moving:
         return GET_UP
     if status.faults:
         return "poise mode reset_faults" + ("" if moving else "; poise mode stand")
     if start is not None and start.holds:
-        return f"no motion and no walk before this is over: {'; '.join(start.holds)}"
+        return f"no motion or walk while this lasts: {'; '.join(start.holds)}"
     if moving and status.locks:
         return open_locks(status)
     if status.mode is Mode.STAND:
         return f"poise send wave; poise walk {0.3 if start is None else 0.2} 0 0; poise teleop"
     if moving:
-        return "poise send stop" + ("" if start is None else "; poise start damp in need")
-    return f"wait, or mend: {'; '.join(status.preflight)}" if status.preflight else "poise mode stand"
+        return "poise send stop" + ("" if start is None else "; in an emergency poise start damp")
+    return f"wait, or correct: {'; '.join(status.preflight)}" if status.preflight else "poise mode stand"

@@ -122,7 +122,7 @@ def claim_graph(robot: str, domain_id: int | None, namespace: str) -> IO[str]:
     if isinstance(held, str):
         raise PoiseError(
             f"already running in {place}: {held}; end it with Ctrl-C there, or give this one another --namespace or "
-            f"ROS_DOMAIN_ID, unless both are for the same real robot: it would have two commanders"
+            f"ROS_DOMAIN_ID, but not for the same real robot, which must have one commander only"
         )
     return held
 

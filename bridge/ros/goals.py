@@ -175,7 +175,7 @@ class RobotClient:
     async def _ask(self, service: str, **request: str) -> CommandReply:
         client, longest = self._clients[service], self.config.answer_timeout
         if not await self.until(client.service_is_ready, longest):
-            raise CommandError(f"service {service} is absent: is a supervisor there, and built with its types?")
+            raise CommandError(f"service {service} is not available: start the supervisor, with poise_interfaces built")
         future = client.call_async(self._types[service].Request(**request))
         if not await self.until(future.done, longest):
             raise CommandError(f"service {service} did not answer within {longest:g} s")

@@ -62,13 +62,13 @@ class Operator:
     def say(self, text: str) -> None:
         """Publish a text command as ``SOURCE``."""
         self._publish_word(text)
-        self._report(f"said {text}")
+        self._report(f"sent {text}")
 
     def call(self, name: str) -> None:
         """Call a service of ``MODE_SERVICES``; the answer is reported on arrival."""
         client = self.services[name]
         if not client.service_is_ready():
-            self._report(f"{MODE_SERVICES[name]}: the service is absent: is the robot up? (poise up)")
+            self._report(f"{MODE_SERVICES[name]}: the service is not available: is the robot up? (poise up)")
             return
         client.call_async(Trigger.Request()).add_done_callback(lambda future: self._answer(name, future))
 

@@ -285,14 +285,14 @@ def change_state(
                 )
             if now > end:
                 late = ", ".join(change.name for change in left)
-                kept = "what was compiled is kept: try again"
+                kept = "compiled code is kept: try again"
                 raise PoiseError(f"{late}: no answer to '{_LABELS[transition]}' in {timeout:.0f} s; {kept}")
     finally:
         for change in changes:
             change.close()
     refused = [change.name for change in changes if change.refused]
     if refused:
-        raise PoiseError(f"{', '.join(refused)}: refused to {_LABELS[transition]}; the log says why")
+        raise PoiseError(f"{', '.join(refused)}: refused to {_LABELS[transition]}; the log has the reason")
 
 
 Processes = Literal["shared", "separate"]  #: Whether gait planner, controller and estimator share one

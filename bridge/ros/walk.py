@@ -59,7 +59,7 @@ class RobotClock:
             self._now, self._received = 1e-9 * Time.from_msg(message.header.stamp).nanoseconds, time.monotonic()
             self._newest = message
         elif time.monotonic() - self._received > SILENCE:
-            why = self._client.paused or "poise status says what the robot does"
+            why = self._client.paused or "poise status shows the state of the robot"
             raise CommandError(f"no message on {topics.ODOM} for {SILENCE:g} s: {why}")
         return self._now
 
@@ -151,8 +151,8 @@ def _reasons(client: Client) -> str:
     topic = client.node.resolve_topic_name(topics.CMD_VEL)
     names = {end.node_name for end in client.node.get_publishers_info_by_topic(topic)} - {client.node.get_name()}
     if names:
-        found.append(f"end {' and '.join(sorted(names))}, which publishes on {topic}, too")
-    return "; ".join(found) or "the terminal of poise up, and ros2 topic echo /refusals, say why"
+        found.append(f"end {' and '.join(sorted(names))}, which also publishes on {topic}")
+    return "; ".join(found) or "the terminal of poise up and ros2 topic echo /refusals show the reason"
 
 
 def walk_to(client: Client, goal: tuple[float, float, float], around: bool | None = None) -> CommandReply:
@@ -208,7 +208,7 @@ def reset(client: Client) -> CommandReply:
     except CommandError as error:
         if client.status is None:  # no robot is up
             raise
-        raise CommandError(f"{error}; only a simulated robot has it: lift another one by a gantry") from error
+        raise CommandError(f"{error}; it is for simulated robots only: lift a real robot with its gantry") from error
     if not reply.accepted:
         return reply
     client.wait(lambda: client.driver_state == topics.HELD, ANSWER_TIMEOUT)
@@ -229,7 +229,9 @@ def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
         return reply
     if clock.wait(lambda: client.mode == Mode.STAND.value, STANDSTILL_TIMEOUT):
         return CommandReply(True, f"{outcome}{clock.place()}; mode '{client.mode}'")
-    return CommandReply(False, f"{outcome}, but does not stand {STANDSTILL_TIMEOUT:g} s later: mode '{client.mode}'")
+    return CommandReply(
+        False, f"{outcome}, but the robot does not stand {STANDSTILL_TIMEOUT:g} s later: mode '{client.mode}'"
+    )
 
 
 def _end_of_walk(client: Client) -> str:
@@ -238,7 +240,7 @@ def _end_of_walk(client: Client) -> str:
     if client.holds:
         return f"held: {client.holds}"
     if client.status is None or not current or not client.status.faults:
-        return "ended from elsewhere"
+        return "ended by another client"
     return "; ".join((f"ended: {', '.join(client.status.faults)}", next_step(client.status)))
 
 

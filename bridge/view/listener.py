@@ -84,7 +84,7 @@ class Words:
 
 
 REFUSAL_TIME = 10.0  #: Time for which a refusal is displayed [s]
-START = "poise up starts a robot; this page goes on by itself once its data arrive"
+START = "start a robot with poise up; this page continues when its data arrive"
 
 
 class Listener:
@@ -172,14 +172,16 @@ class Listener:
         alive = any(now - received <= silence for _, (received, _) in nodes)
         faults = [(topic, f"no data for {ages[topic]:.0f} s") for topic in absent]
         if alive:  # otherwise the whole robot is silent
-            faults += [(node, "silent: its process may have ended") for node, (at, _) in nodes if now - at > silence]
+            faults += [
+                (node, "no diagnostics: its process may have ended") for node, (at, _) in nodes if now - at > silence
+            ]
         faults += [(node, str(status.message)) for node, (_, status) in nodes if status.level != DiagnosticStatus.OK]
         faults += [(topic, reason) for topic, (at, reason) in self._refusals.items() if now - at <= REFUSAL_TIME]
         if alive and 0.0 < client.factor < self._config.slow:
             reason = f"{client.factor:.2f}: other programs use the processor, or a lower speed was requested"
             faults.append(("real-time factor", reason))
         if client.mode in (Mode.OFF.value, Mode.DAMP.value):
-            faults.append(("mode", f"{client.mode}: no controller holds the robot up"))
+            faults.append(("mode", f"{client.mode}: no controller supports the robot"))
         return replace(
             self._words,
             mode=client.mode,

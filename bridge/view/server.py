@@ -31,7 +31,7 @@ def refusal(request: Any, token: str, cookie: str) -> str:
         given += [value] if name == cookie else []
     if any(secrets.compare_digest(one.encode(), token.encode()) for one in given):
         return ""
-    return f"refused: {'wrong' if given else 'no'} token; open the link that 'poise view' printed at its last start"
+    return f"refused: {'wrong' if given else 'no'} token; open the newest link that 'poise view' printed"
 
 
 def serve(host: str, port: int, robot: str) -> tuple[Any, str]:
@@ -45,7 +45,7 @@ def serve(host: str, port: int, robot: str) -> tuple[Any, str]:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise PoiseError(f"{host}:{port} cannot be listened on: {error.strerror}; choose another --port") from error
+            raise PoiseError(f"{host}:{port} cannot be opened: {error.strerror}; choose another --port") from error
     token, cookie = secrets.token_urlsafe(), f"poise_{port}"  # cookies do not distinguish ports
     script = (files("bridge") / "view" / "page.js").read_bytes()
     checked: list[bool] = []
@@ -76,7 +76,7 @@ def serve(host: str, port: int, robot: str) -> tuple[Any, str]:
         server = viser.ViserServer(host=host, port=port, label=f"poise: {robot}", verbose=False)
     if not checked:
         server.stop()
-        raise PoiseError(f"viser {viser.__version__} does not let requests be checked; install viser 1.1.1")
+        raise PoiseError(f"viser {viser.__version__} does not support the check of requests; install viser 1.1.1")
     server.gui.configure_theme(show_share_button=False)
     server.scene.set_up_direction("+z")
     server.initial_camera.position, server.initial_camera.look_at = CAMERA

@@ -185,7 +185,9 @@ class CalibrationProcedure:
     def begin(self, what: str, situation: str) -> CommandReply:
         """Begin 'imu', 'joints' or 'feet'; refused unless ``situation`` is 'stand' (drivers active) or 'hanging'."""
         if situation not in (STANDING, HANGING):
-            reason = f"calibration of '{what[:32]}' refused while the robot is '{situation}': stand or hang first"
+            reason = (
+                f"calibration of '{what[:32]}' refused while the robot is '{situation}': the robot must stand or hang"
+            )
             return CommandReply(False, reason)
         if what == "joints" and situation == HANGING:
             return CommandReply(False, "calibration of 'joints' refused in the air: it needs both soles on the floor")
@@ -288,4 +290,4 @@ class CalibrationProcedure:
         self._silent = self._waited = 0.0
 
     def _give_up(self, reason: str) -> None:
-        self.problem = f"calibration of '{self._session.what}' given up: {reason}"
+        self.problem = f"calibration of '{self._session.what}' aborted: {reason}"

@@ -149,14 +149,14 @@ class CalibrationServices:
         if motion:
             self._commands.publish(String(data=motion))
         if procedure.problem or not self._node.active:
-            self._answer(CommandReply(False, procedure.problem or "calibration given up: the node is not active"))
+            self._answer(CommandReply(False, procedure.problem or "calibration aborted: the node is not active"))
         elif procedure.ready:
             store = self._file.store
             base = Calibration.none(self._node.model) if store is None else store.load()[0]
             try:
                 self._solver.start(procedure.job(base))
             except OSError as error:  # no disk space or no process: the estimator continues
-                self._answer(CommandReply(False, f"calibration given up: the solver does not start: {error.strerror}"))
+                self._answer(CommandReply(False, f"calibration aborted: the solver does not start: {error.strerror}"))
         outcome = self._solver.poll()
         if outcome is not None:
             self._answer(self._save(outcome))

@@ -145,7 +145,7 @@ def test_what_cannot_be_run_again_is_said(fallen: ClosedLoop, tmp_path: Path) ->
     assert record.last(1.0).replay is None
     replace(record, replay=None).save(tmp_path / "without.npz")
     result = CliRunner().invoke(app, ["replay", str(tmp_path / "without.npz")])
-    assert result.exit_code == 2 and "holds no state of the laws" in result.output.replace("\n", " ")
+    assert result.exit_code == 2 and "contains no initial state of the laws" in result.output.replace("\n", " ")
     assert record.replay is not None
     broken = deepcopy(record.replay.record)
     del broken["stages"]["estimator"]["arrays"][3]

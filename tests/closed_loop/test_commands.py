@@ -84,7 +84,7 @@ def test_controller_without_an_answer_damps_the_drivers(g1: RobotModel) -> None:
 def test_robot_whose_feet_take_no_weight_is_not_let_go(g1: RobotModel) -> None:
     controller = Wrapped(g1)
     controller.limp = True
-    with pytest.raises(PoiseError, match=r"g1 cannot be let go after .* s: the feet carry .* N of 327 N"):
+    with pytest.raises(PoiseError, match=r"g1 cannot be released after .* s: the feet carry .* N of 327 N"):
         ClosedLoop(g1, controller=controller)
 
 

@@ -44,7 +44,7 @@ def test_a_goal_waits_for_its_answer_as_long_as_the_parameter_says(bench: Any) -
     ended = sent.result().get_result_async()
     bench.wait(ended.done, 4.0)  # less than the packaged answer_timeout
     result = ended.result().result
-    assert not result.success and "service command is absent" in result.message
+    assert not result.success and "service command is not available" in result.message
     client.destroy()
 
 
@@ -66,17 +66,17 @@ def test_a_walk_that_does_not_stop_fails_with_the_time_waited() -> None:
     handle: Any = SimpleNamespace(request=SimpleNamespace(goal=None))
     turn: Any = SimpleNamespace(ended="replaced")
     outcome = asyncio.run(WalkTo(robot, None, list).run(handle, turn))
-    assert not outcome.success and outcome.message.startswith("replaced; no standstill")
+    assert not outcome.success and outcome.message.startswith("replaced; the robot did not stop")
     assert outcome.message.endswith(f"within {config.stand_timeout:g} s")
 
 
 @pytest.mark.parametrize(
     ("states", "ended"),
     [
-        ("running done", Outcome(True, "played to its end")),
+        ("running done", Outcome(True, "completed")),
         ("refused", Outcome(False, "wave 2: too far")),
-        ("refused/other running done", Outcome(True, "played to its end")),
-        ("running refused done", Outcome(True, "played to its end")),  # another client's
+        ("refused/other running done", Outcome(True, "completed")),
+        ("running refused done", Outcome(True, "completed")),  # another client's
         ("running running done", Outcome(False, "replaced by a motion of another client")),
         ("running ended done", Outcome(False, "too far")),
     ],
@@ -104,7 +104,7 @@ def test_a_motion_of_another_client_is_not_taken_for_that_of_the_goal(states: st
     ("states", "message"),
     [
         ("refused done", "too far; mode 'stand'"),  # at once
-        ("running refused done", "there; mode 'stand'"),  # another client's
+        ("running refused done", "goal reached; mode 'stand'"),  # another client's
         ("running running done", "replaced by a goal of another client"),
     ],
 )
@@ -128,7 +128,7 @@ def test_a_goal_ends_with_its_own_route(states: str, message: str) -> None:
     handle: Any = SimpleNamespace(request=SimpleNamespace(goal=goal), is_cancel_requested=False)
     turned = cast(Turn, SimpleNamespace(ended=""))
     outcome = asyncio.run(WalkTo(robot, None, goals.append).run(handle, turned))
-    assert outcome == Outcome(message.startswith("there"), message) and goals == [goal]
+    assert outcome == Outcome(message.startswith("goal reached"), message) and goals == [goal]
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def test_a_process_that_is_stopped_is_killed_and_started_again(graph: Graph, sai
 
 @pytest.mark.parametrize("graph", [("crashing", (), True)], indirect=True)
 def test_the_graph_goes_on_without_an_optional_process_that_always_crashes(graph: Graph, said: list[str]) -> None:
-    graph.wait_for(lambda: "goes on without it" in said[-1], 30.0, "given up")
+    graph.wait_for(lambda: "continues without it" in said[-1], 30.0, "given up")
     graph.spin(0.1)
     assert "crashing" not in graph.pids
 

@@ -193,7 +193,7 @@ def test_whatever_is_red_has_its_reason_and_the_remedy(
         ("/supervisor", "the robot has fallen"),
         ("/supervisor", "commands/teleop refused: unknown command 'jmp'"),
         ("real-time factor", "0.25: other programs use the processor, or a lower speed was requested"),
-        ("mode", "damp: no controller holds the robot up"),
+        ("mode", "damp: no controller supports the robot"),
     )
     server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
     try:
@@ -258,7 +258,7 @@ def test_the_answer_of_a_service_is_reported(client: Client, bench: Bench) -> No
     reported: list[str] = []
     operator = Operator(client, reported.append)
     operator.call("stand")
-    assert reported == ["mode/stand: the service is absent: is the robot up? (poise up)"]
+    assert reported == ["mode/stand: the service is not available: is the robot up? (poise up)"]
 
     def refuse(request: Any, response: Any) -> Any:
         response.success, response.message = False, said[0]
@@ -324,5 +324,5 @@ def test_a_port_that_is_taken_is_named(client: Client, g1: RobotModel) -> None:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(PoiseError, match=f"127.0.0.1:{port} cannot be listened on: .*choose another --port"):
+        with pytest.raises(PoiseError, match=f"127.0.0.1:{port} cannot be opened: .*choose another --port"):
             Page(g1, client, host="127.0.0.1", port=port)

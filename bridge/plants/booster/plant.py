@@ -80,7 +80,7 @@ class BoosterPlant(LowLevelPlant[BoosterSample]):
             found.append(self._remote.fault)
         if error > self._config.imu_error:
             found.append(
-                f"accelerometer: {np.linalg.norm(accel):.1f} m/s^2, {error:.1f} m/s^2 off gravity at the estimated "
+                f"accelerometer: {np.linalg.norm(accel):.1f} m/s^2, {error:.1f} m/s^2 from gravity at the estimated "
                 f"orientation"
             )
         return found

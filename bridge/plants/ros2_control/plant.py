@@ -21,7 +21,7 @@ from models.types import JointCommand, SensorData
 
 NANOSECOND = 1.0 / NANOSECONDS  #: [s]
 ACTIVE = "active"  #: State of a controller that runs
-_CLOSED = "the connection was closed with the driver's deactivation: clean it up and configure it again"
+_CLOSED = "the connection was closed when the driver was deactivated: clean up the driver and configure it again"
 
 
 class Ros2ControlPlant(RealPlant):
@@ -234,7 +234,7 @@ class Ros2ControlPlant(RealPlant):
         if list(order) == mine:
             return []
         other = [name for name in order if name not in mine] or [name for name in mine if name not in order]
-        what = f"'{other[0]}' is only on one side" if other else "their order differs"
+        what = f"only one of them has '{other[0]}'" if other else "the order differs"
         name = self.config.controllers[COMMAND]
         return [
             f"controller '{name}' has other joints than robot '{self._model.name}': {what}; "

@@ -53,7 +53,7 @@ class JointStateDecoder:
                 raise MessageError(f"{field}: {len(numbers)} values for {len(names)} names")
         for name in self._model.joint_names:
             if (count := names.count(name)) != 1:
-                what = "is missing" if count == 0 else f"is there {count} times"
+                what = "is missing" if count == 0 else f"is given {count} times"
                 raise JointNameError(f"name: joint '{name}' {what}")
         self._index[:] = [names.index(name) for name in self._model.joint_names]
         self._template = Template(message, FIELDS)
@@ -127,8 +127,8 @@ def sole_transform(model: RobotModel, foot: int, frame: str) -> Matrix:
 def _placement(model: RobotModel, frame: str, target: int, name: str) -> pin.SE3:
     """Placement of a frame in a target frame on the same link; ``MessageError`` if unknown or on another link."""
     if not model.pin.existFrame(frame):
-        raise MessageError(f"header.frame_id: '{frame}' is no frame of robot '{model.name}'")
+        raise MessageError(f"header.frame_id: '{frame}' is not a frame of robot '{model.name}'")
     given, wanted = model.pin.frames[model.pin.getFrameId(frame)], model.pin.frames[target]
     if given.parentJoint != wanted.parentJoint:
-        raise MessageError(f"header.frame_id: '{frame}' moves against frame '{name}' of robot '{model.name}'")
+        raise MessageError(f"header.frame_id: '{frame}' moves relative to frame '{name}' of robot '{model.name}'")
     return wanted.placement.actInv(given.placement)

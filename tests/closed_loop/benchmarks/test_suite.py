@@ -50,7 +50,10 @@ def test_a_suite_is_measured_once_and_its_report_is_built_from_the_lines(tmp_pat
     assert (failure["bench"], failure["robot"]) == ("stand", "unknown") and "unknown robot" in failure["error"]
     page, whole = (folder / "report.md").read_text(), (folder / "report.html").read_text()
     command = f"poise bench faults --robot g1 --seeds 1 --scenario {ROW}"
-    for text in (f"| faults | g1 | passed | ended as they must: 1 (≥ 1) | `{command}` |", "| faults | g1 | 1 | 1 |"):
+    for text in (
+        f"| faults | g1 | passed | required reaction observed: 1 (≥ 1) | `{command}` |",
+        "| faults | g1 | 1 | 1 |",
+    ):
         assert text in page, text
     for text in ("| stand | unknown | **could not be run** |", "stand, unknown: ", "0.21 to 1.00"):
         assert text in page, text

@@ -281,7 +281,7 @@ def test_the_guard_damps_after_the_driver(standing: BoosterLoop) -> None:
 
 def test_wrong_units_and_another_robot_are_refused_before_the_release(loop: BoosterLoop) -> None:
     loop.side.accel_scale = 1.0 / 9.81
-    with pytest.raises(PoiseError, match=r"accelerometer: 1.0 m/s\^2, 8.8 m/s\^2 off gravity"):
+    with pytest.raises(PoiseError, match=r"accelerometer: 1.0 m/s\^2, 8.8 m/s\^2 from gravity"):
         loop.reach(StartState.GANTRY, 3.0)
     loop.side.accel_scale = 1.0
     loop.reach(StartState.GANTRY)

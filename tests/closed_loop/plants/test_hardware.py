@@ -414,10 +414,10 @@ def test_only_a_robot_that_has_crouched_may_relax(standing: HardwareLoop) -> Non
             standing.drivers.relax()
         return standing.startup.state is StartState.STAND
 
-    assert refuses("standing height, below 75 % is required: crouch first, or damp")
+    assert refuses("standing height, below 75 % is required: send crouch first, or request damp")
     standing.command("walk")
     standing.run(0.1)
-    assert refuses("mode 'walk': stop, then crouch, or damp")
+    assert refuses("mode 'walk': send stop, then crouch, or request damp")
     standing.command("stop")
     standing.until(lambda: standing.stack.mode is Mode.STAND, 3.0)
     standing.command("crouch")

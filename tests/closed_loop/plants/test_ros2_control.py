@@ -305,7 +305,7 @@ def test_other_joints_of_linear_feedback_controller_are_refused(side: Controlled
     run(plant, side, 1.2)
     assert plant.findings == ()
     names = side.model.joint_names
-    for order, reason in ((names[::-1], "their order differs"), (names[1:], f"'{names[0]}' is only on one side")):
+    for order, reason in ((names[::-1], "the order differs"), (names[1:], f"only one of them has '{names[0]}'")):
         side.moving_joints = order
         assert any(reason in each and "poise controllers" in each for each in plant.findings)
 

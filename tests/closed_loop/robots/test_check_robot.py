@@ -96,7 +96,7 @@ def test_a_robot_too_weak_to_stand_is_reported(tmp_path: Path) -> None:
     files[0].write_text(text)
     trials = Trials(RobotModel.load(files[0]), default_config(TrialConfig, "bridge", "check_robot")).run()
     assert [trial.name for trial in trials] == ["stand"] and not trials[0].passed
-    assert "cannot be let go" in trials[0].detail
+    assert "cannot be released" in trials[0].detail
 
 
 @pytest.mark.slow
@@ -104,7 +104,7 @@ def test_a_failure_names_the_joint_at_its_limit_in_that_trial(g1: RobotModel) ->
     config = default_config(TrialConfig, "bridge", "check_robot")
     short = replace(config, stand_time=0.1, pause=0.1, walk_time=0.3, stop_time=0.3, stride_min=100.0, at_limit=0.1)
     walk = next(trial for trial in Trials(g1, short).run() if trial.name == "walk")
-    before = re.search(r"was the first at its limit of [\d.]+ N.m, ([\d.]+) s before", walk.detail)
+    before = re.search(r"was the first at its torque limit of [\d.]+ N.m, ([\d.]+) s before the end", walk.detail)
     assert walk.name == "walk" and not walk.passed and before is not None
     assert float(before[1]) <= short.walk_time + short.stop_time
 

@@ -60,7 +60,7 @@ def test_the_overview_names_the_next_step(supervisor: FakeSupervisor) -> None:
         ({"locks": ("pause",)}, "'pause': publish false on locks/pause"),
     ):
         assert word in next_step(replace(record, **changes))
-    assert "no walk before this is over: 91 degC" in next_step(record, StartStatus("stand", holds=("91 degC",)))
+    assert "no motion or walk while this lasts: 91 degC" in next_step(record, StartStatus("stand", holds=("91 degC",)))
 
 
 def test_the_overview_waits_for_the_limit_of_a_walk(supervisor: FakeSupervisor) -> None:

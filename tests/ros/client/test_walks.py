@@ -62,7 +62,7 @@ def test_another_program_that_ended_a_walk_is_no_fault(supervisor: FakeSuperviso
         client.robot()
         supervisor.create_timer(2.0, lambda: supervisor.mode.publish(String(data="stand")))
         reply = walk.walk(client, (0.2, 0.0, 0.0), 60.0)
-    assert (reply.accepted, reply.reason) == (False, "the walk was ended from elsewhere; mode 'stand'")
+    assert (reply.accepted, reply.reason) == (False, "the walk was ended by another client; mode 'stand'")
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_another_program_that_ended_a_walk_is_no_fault(supervisor: FakeSuperviso
         ("none", {"locks": ("pause",)}, "commands are locked out by 'pause': publish false on locks/pause"),
         ("plain", {"obstacle": "stopped: no scan"}, "stopped: no scan"),
         ("none", {"refusal": "cmd_vel: stopped"}, "the supervisor refused cmd_vel: stopped; end other, which"),
-        ("none", {"refusal": "scan: of old"}, "end other, which publishes on /cmd_vel, too"),
+        ("none", {"refusal": "scan: of old"}, "end other, which also publishes on /cmd_vel"),
     ],
 )
 def test_a_walk_that_the_robot_does_not_follow_is_reported(
@@ -163,7 +163,7 @@ def test_the_obstacle_that_ended_a_goal_is_named(supervisor: FakeSupervisor) -> 
 
 def test_a_pause_is_named(supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(walk, "SILENCE", 1.0)
-    paused = "time stands still: poise reset, or ros2 service call /pause"
+    paused = "time does not advance: poise reset, or ros2 service call /pause"
     supervisor.silent = True
     supervisor.factor.publish(Float64(data=0.0))
     with Client() as client:

@@ -211,7 +211,7 @@ def test_one_task_for_everything_and_refusals(recorded: Path, tmp_path: Path) ->
     (row,) = pq.read_table(tmp_path / "set/meta/episodes/chunk-000/file-000.parquet").to_pylist()
     assert row["tasks"] == ["wave and walk"] and row["length"] > 20
     again = CliRunner().invoke(app, call)
-    assert again.exit_code == 2 and "name an empty or a new folder" in again.output
+    assert again.exit_code == 2 and "give an empty or a new one" in again.output
     other = CliRunner().invoke(app, ["export", str(tmp_path / "no.mcap"), "--out", str(tmp_path / "other")])
     assert other.exit_code == 2 and "no.mcap" in other.output
     assert [each.name for each in tmp_path.iterdir()] == ["set"]

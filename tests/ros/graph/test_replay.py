@@ -128,7 +128,7 @@ def test_lost_samples_and_notes_are_counted(recorded: Path, tmp_path: Path) -> N
 def test_what_cannot_be_replayed_is_said(recorded: Path, tmp_path: Path) -> None:
     run = read_run(recorded)
     run.notes = run.notes[1:]
-    with pytest.raises(PoiseError, match="begin to record before the robot is started"):
+    with pytest.raises(PoiseError, match="start the recording before the robot"):
         replay(run)
     (tmp_path / "text.mcap").write_text("no recording")
     result = CliRunner().invoke(app, ["replay", str(tmp_path / "text.mcap")])
@@ -138,7 +138,7 @@ def test_what_cannot_be_replayed_is_said(recorded: Path, tmp_path: Path) -> None
     unnamed = tmp_path / "unnamed.mcap"
     log = McapLog(unnamed)
     log.close()
-    with pytest.raises(PoiseError, match="name it with --robot"):
+    with pytest.raises(PoiseError, match="give it with --robot"):
         read_run(unnamed)
     log = McapLog(unnamed)
     log.describe(DESCRIPTION, {ROBOT: "unknown_robot"})

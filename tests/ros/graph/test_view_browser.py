@@ -162,7 +162,7 @@ def test_a_page_that_lost_its_server_says_why() -> None:
         server.stop()
         wait("No connection to 'poise view'")
         server, _ = serve("127.0.0.1", port, "g1")
-        wait("wrong token; open the link that 'poise view' printed at its last start")
+        wait("wrong token; open the newest link that 'poise view' printed")
     finally:
         driver.quit()
         server.stop()

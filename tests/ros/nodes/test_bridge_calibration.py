@@ -113,7 +113,7 @@ def test_a_refused_reset_leaves_the_offsets(bench: Any, g1: RobotModel, tmp_path
     save(g1, tmp_path, 0.01, "/robot_0")
     place, other = (shared.world.robots[name].qpos for name in ("robot_0", "robot_1"))
     shared.world.data.qpos[other] = shared.world.data.qpos[place]
-    with pytest.raises(CommandError, match="robot_1 is in the place of robot_0"):
+    with pytest.raises(CommandError, match="the place of robot_0 is occupied by robot_1"):
         first.restart()
     assert first.drivers.encoder_offsets is None
 

@@ -85,7 +85,7 @@ def test_sensors_may_be_published_at_a_part_of_the_tick_rate(bench: Any, g1: Rob
 
 def test_a_rate_that_the_tick_rate_is_no_multiple_of_is_refused(bench: Any) -> None:
     node = bench.add(RobotDriver, sensor_rate=300.0)
-    assert not node.active and "1000 Hz is no multiple of 300 Hz" in node.message
+    assert not node.active and "1000 Hz is not a multiple of 300 Hz" in node.message
 
 
 def _message(g1: RobotModel, how: str) -> JointTrajectory:

@@ -92,7 +92,7 @@ def test_a_reset_is_refused_while_another_robot_holds_the_pause(world: DriverWor
         first.drivers.plant.hoist(0.1)
         height = first.drivers.plant.truth.q[2]
         answer = reset.callback(Trigger.Request(), Trigger.Response())
-        assert answer.success is not refused and ("'robot_1' holds the pause" in answer.message) is refused
+        assert answer.success is not refused and ("'robot_1' has paused" in answer.message) is refused
         assert bool(first.drivers.plant.truth.q[2] == height) is refused
         bridge.paused = False
 
@@ -123,14 +123,14 @@ def test_bridges_that_want_different_worlds_are_refused(bench: Any) -> None:
     for number, terrain in enumerate(("flat", "tiles")):
         _add(bench, shared, number, terrain=terrain)
     shared.drivers[0].trigger_configure()
-    assert "terrain: the robots of a world share it" in shared.drivers[0].message
-    with pytest.raises(PoiseError, match="terrain: the robots of a world share it"):
+    assert "terrain: must be equal for all robots of a world" in shared.drivers[0].message
+    with pytest.raises(PoiseError, match="terrain: must be equal for all robots of a world"):
         _ = shared.world
 
 
 def test_a_place_needs_a_world_of_several(bench: Any) -> None:
     node = bench.add(RobotDriver, active=False, place="[1.0, 0.0, 0.0]")
-    assert "place: the only robot of a world" in node.message
+    assert "place: only robots of a world" in node.message
 
 
 def test_robots_are_read_from_the_command_line() -> None:
@@ -145,7 +145,7 @@ def test_robots_are_read_from_the_command_line() -> None:
     [
         ("robot_1", [], "'robot_1' is not NAMESPACE=ROBOT"),
         ("robot_1=", [], "'robot_1=' is not NAMESPACE=ROBOT"),
-        ("a=g1,a=talos", [], "'a' is there twice"),
+        ("a=g1,a=talos", [], "'a' is given twice"),
         ("2=g1", [], "namespace '2'"),
         ("a=g1", ["b=0,0,0"], "no robot 'b' among --robots: a"),
         ("", ["b=0,0,0"], "no robot 'b' among --robots: none"),
@@ -161,5 +161,5 @@ def test_robots_that_cannot_be_read_are_quoted(robots: str, places: list[str], c
 def test_a_world_has_robots_and_one_ground() -> None:
     with pytest.raises(PoiseError, match="no robot"):
         WorldGraph({})
-    with pytest.raises(PoiseError, match="terrain: of the world, not of one robot"):
+    with pytest.raises(PoiseError, match="terrain: must be equal for all robots of a world"):
         WorldGraph({"a": Inhabitant("g1", parameters={"robot_driver": {"terrain": "tiles"}})})

@@ -116,7 +116,7 @@ def test_a_calibration_is_answered_kept_and_in_effect_at_the_next_start(
 
 def test_refusals_name_their_reason(bench: Any, g1: RobotModel, tmp_path: Any) -> None:
     services = Services(bench, g1, calibration_dir=tmp_path)
-    assert "'': stand or hang first" in services.answer(services.ask("imu"))[1]
+    assert "'': the robot must stand or hang" in services.answer(services.ask("imu"))[1]
     services.hang()
     silent = services.answer(services.ask("imu"))[1]  # what the drivers subtract is unknown
     assert "no complete sample" in silent

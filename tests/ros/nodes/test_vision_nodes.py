@@ -167,7 +167,7 @@ def test_a_ball_becomes_a_bearing_and_the_head_is_sent_after_it(bench: Any, talo
     assert pan == pytest.approx(azimuth, abs=0.03) and tilt == pytest.approx(-elevation, abs=0.03)
     world.show([math.nan, 0.0, 0.0])
     bench.wait(lambda: camera.counters[f"refused {topics.CAMERA_TARGET}"] == 1)
-    assert "is no place" in camera.values["last refusal"]
+    assert "is not finite" in camera.values["last refusal"]
     other = bench.world.create_publisher(Image, topics.CAMERA_IMAGE, SENSOR)
     bench.wait(lambda: other.get_subscription_count())
     other.publish(image_message(world.stamp, np.zeros((12, 20, 3), dtype=np.uint8)))

@@ -217,7 +217,7 @@ def test_one_of_an_earlier_version_is_read_but_not_run_again(g1: RobotModel, tmp
     np.savez(path, meta=np.array(json.dumps(meta)), **single)
     record = BlackBoxRecord.load(path)
     assert record.last(1.0).joint_q.dtype == np.float32 and list(record.number) == [0, 1, 2, 3, 4]
-    with pytest.raises(PoiseError, match=r"earlier version \(format 1\).*not run again"):
+    with pytest.raises(PoiseError, match=r"earlier version \(format 1\).*not replayed"):
         replay_box(record)
 
 

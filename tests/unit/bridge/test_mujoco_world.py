@@ -133,7 +133,7 @@ def test_robots_push_each_other(g1: RobotModel) -> None:
 
 
 def test_a_place_that_is_taken_is_refused(g1: RobotModel) -> None:
-    with pytest.raises(ConfigError, match="a is in the place of b: place them farther apart"):
+    with pytest.raises(ConfigError, match="the place of b is occupied by a: place them farther apart"):
         MujocoWorld({"a": g1, "b": g1}, {"b": Place(y=0.2)})
     world = MujocoWorld({"a": g1, "b": g1})
     first, second = _plants(world)
@@ -141,7 +141,7 @@ def test_a_place_that_is_taken_is_refused(g1: RobotModel) -> None:
     mujoco.mj_forward(world.model, world.data)
     world.data.qpos[first.mujoco.qpos.start] += 3.0
     before = first.truth.q.copy()
-    with pytest.raises(CommandError, match="b is in the place of a"):
+    with pytest.raises(CommandError, match="the place of a is occupied by b"):
         first.reset()
     np.testing.assert_array_equal(first.truth.q, before)
 
@@ -157,12 +157,12 @@ def test_unknown_robots_are_named(g1: RobotModel, places: dict[str, Place], name
 
 @pytest.mark.parametrize("option", ["calibration", "controller", "mcap"])
 def test_what_is_of_one_robot_is_refused_for_several(option: str) -> None:
-    with pytest.raises(ConfigError, match=f"{option}: of one robot"):
+    with pytest.raises(ConfigError, match=f"{option}: for a single robot"):
         SharedWorld({"a": "g1", "b": "g1"}, **{option: Path("run.mcap")})
 
 
 def test_a_robot_is_the_one_that_the_world_has(g1: RobotModel, talos: RobotModel) -> None:
-    with pytest.raises(ConfigError, match="'a' is another g1 than the talos"):
+    with pytest.raises(ConfigError, match="'a' has a model of g1, not the given model of talos"):
         MujocoPlant(talos, world=MujocoWorld({"a": g1}), name="a")
     with pytest.raises(ConfigError, match="robots: 0"):
         build_mujoco_world({})

@@ -85,12 +85,12 @@ def test_a_gamepad_gives_parts_of_the_limits_and_deeds(tmp_path: Path) -> None:
 
 
 def test_a_missing_gamepad_is_named(tmp_path: Path) -> None:
-    with pytest.raises(PoiseError, match="js7: no gamepad there: No such file"):
+    with pytest.raises(PoiseError, match="js7: cannot be opened as a gamepad: No such file"):
         Gamepad(tmp_path / "js7", CONFIG.gamepad, {})
 
 
 def test_a_device_without_events_is_no_gamepad() -> None:
     pad = Gamepad(Path(os.devnull), CONFIG.gamepad, {})
-    with pytest.raises(PoiseError, match="/dev/null is no gamepad"):
+    with pytest.raises(PoiseError, match="/dev/null: end of file: not a gamepad"):
         pad.read()
     pad.close()

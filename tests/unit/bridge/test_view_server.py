@@ -66,7 +66,7 @@ def test_an_unknown_page_is_not_found(link: str) -> None:
 def test_without_the_token_nothing_is_served_and_the_answer_names_the_remedy(link: str, given: str) -> None:
     host = urlsplit(link).netloc
     status, _, text = get(f"http://{host}/{given}")
-    assert status == 403 and "token; open the link that 'poise view' printed" in text
+    assert status == 403 and "token; open the newest link that 'poise view' printed" in text
     assert get(f"http://{host}/alive{given}", Cookie="poise_1=guess")[0] == 403
     with pytest.raises(websockets.exceptions.InvalidStatus, match="403"):
         websocket(f"ws://{host}/{given}", f"http://{host}")
@@ -98,6 +98,6 @@ def test_a_viser_that_leaves_out_the_checks_is_refused(monkeypatch: pytest.Monke
             Unchecked.stopped = True
 
     monkeypatch.setattr(viser, "ViserServer", Unchecked)
-    with pytest.raises(PoiseError, match="does not let requests be checked"):
+    with pytest.raises(PoiseError, match="does not support the check of requests"):
         server.serve("127.0.0.1", 0, "g1")
     assert Unchecked.stopped

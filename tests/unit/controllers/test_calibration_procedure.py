@@ -105,7 +105,7 @@ def test_a_change_of_the_situation_gives_up(run: Run, situation: str) -> None:
     assert not run.procedure.problem
     run.feed(1.0)
     run.procedure.on_situation(situation)
-    assert f"calibration of 'imu' given up: the robot is '{situation}'" in run.procedure.problem
+    assert f"calibration of 'imu' aborted: the robot is '{situation}'" in run.procedure.problem
     run.feed(3.0)
     assert not run.procedure.ready
     run.procedure.end()

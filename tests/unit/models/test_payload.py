@@ -42,7 +42,7 @@ def test_mass_and_com(tmp_path: Path, g1: RobotModel, mass: float, com: tuple[fl
 def test_a_profile_is_not_replaced_by_one_that_extends_it(tmp_path: Path) -> None:
     file = tmp_path / "robot.yaml"
     assert "extends: g1" in payload_profile("g1", "g1", Payload(1.0), file)
-    with pytest.raises(ConfigError, match=r"robot\.yaml: this profile is what the result extends; .* another name"):
+    with pytest.raises(ConfigError, match=r"robot\.yaml: the result extends this profile; .* another name"):
         payload_profile(str(file), "g1", Payload(1.0), file)
 
 

@@ -100,8 +100,8 @@ def test_the_imu_is_turned_to_the_axes_of_the_profile(talos: RobotModel) -> None
 @pytest.mark.parametrize(
     ("frame", "reason"),
     [
-        ("imu_of_another", "'imu_of_another' is no frame of robot 'g1'"),
-        ("torso_link", "'torso_link' moves against frame 'imu'"),
+        ("imu_of_another", "'imu_of_another' is not a frame of robot 'g1'"),
+        ("torso_link", "'torso_link' moves relative to frame 'imu'"),
         ("pelvis", "'pelvis' is 95 mm from frame 'imu' of 'g1'; set frames.imu"),
     ],
 )
@@ -125,5 +125,5 @@ def test_a_wrench_at_the_ankle_is_moved_to_the_sole(g1: RobotModel) -> None:
     np.testing.assert_allclose(found, (10.0, 20.0, 300.0, *moment), atol=1e-9)
     _, found = WrenchDecoder(g1, 0).decode(wrench("l_sole"))
     np.testing.assert_allclose(found, (10.0, 20.0, 300.0, 3.0, 0.0, 0.0), atol=1e-9)
-    with pytest.raises(PoiseError, match="'left_ankle_roll_link' moves against frame 'r_sole'"):
+    with pytest.raises(PoiseError, match="'left_ankle_roll_link' moves relative to frame 'r_sole'"):
         WrenchDecoder(g1, 1).decode(wrench("left_ankle_roll_link"))

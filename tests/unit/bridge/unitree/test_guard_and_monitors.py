@@ -151,7 +151,7 @@ HOT = "motor temperature of 'left_knee_joint': 110 degC above 105 degC"
         ({"vol": 43.0}, "warnings", "voltage of 'left_knee_joint': 43 V below 44 V"),
         ({"vol": 30.0}, "damps", "voltage of 'left_knee_joint': 30 V below 39 V"),
         ({"vol": 0.0}, "none", ""),
-        ({"vol": 0.0, "joint": -1}, "warnings", "voltage: measured by no drive, so that a low one is not noticed"),
+        ({"vol": 0.0, "joint": -1}, "warnings", "voltage: not measured by any drive, so a low voltage is not detected"),
         ({"motorstate": 0x40}, "holds", "motor of 'left_knee_joint': error word 0x40"),
         ({"temperature": 110, "joint": 2, "joints": 2}, "damps", HOT),
         ({"vol": 30.0, "joint": 2, "joints": 2}, "damps", "voltage of 'left_knee_joint': 30 V below 39 V"),

@@ -65,7 +65,7 @@ def test_a_disk_that_is_full_later_stops_neither_this_driver_nor_the_next(tmp_pa
     marker = RunMarker(tmp_path / "lo-1")
     with full_disk():
         marker.make()
-        assert marker.made and "the mark of this run is incomplete" in marker.failure
+        assert marker.made and "the marker of this run is incomplete" in marker.failure
         del marker  # which unlocks it, as the end of its process does
         after = RunMarker(tmp_path / "lo-1")
         after.make()

@@ -108,7 +108,7 @@ def test_a_stop_during_the_release_damps_as_soon_as_the_robots_own_controller_ha
     bench.inputs["stop"] = ""
     assert bench.tick() is None
     assert bench.startup.waits_for == "Unitree's controller to end, then it is damped (button B)"
-    assert "use its own stop" in bench.startup.damp("again")
+    assert "use its stop function" in bench.startup.damp("again")
     bench.inputs["vendor"] = ""
     bench.run(0.11)
     assert bench.tick() is not None and bench.startup.state is StartState.DAMPED
@@ -310,7 +310,7 @@ def test_after_a_crash_nothing_is_commanded_before_robot_and_controller_are_know
         if bench.t < 4.0:
             assert "start damp" not in bench.startup.waits_for
     assert str(unknown["doubts"][0]) in bench.startup.waits_for  # type: ignore[index]
-    assert "hold it by its rope, then switch it off, or poise start damp" in bench.startup.waits_for
+    assert "secure it with its rope, then switch it off, or, if" in bench.startup.waits_for
     bench.startup.damp("start/damp was called")  # the operator sees the robot
     assert bench.tick() is not None and bench.startup.state is StartState.DAMPED
 
