@@ -190,7 +190,7 @@ class _Unpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         """Constructor of arrays or records; ``PoiseError`` for any other name."""
         if (maker := _MAKERS.get((module, name))) is None:
-            raise PoiseError(f"the state of the laws holds '{module}:{name[:64]}', which is not known")
+            raise PoiseError(f"the state of the laws holds '{module}:{name[:64]}', which is not allowed")
         return maker
 
 
@@ -201,7 +201,7 @@ def _make(name: str, content: Any) -> Any:
     for part in path.split("."):
         kind = getattr(kind, part, None)
     if not isinstance(kind, type):
-        raise PoiseError(f"the state of the laws holds '{name[:64]}', which is not known")
+        raise PoiseError(f"the state of the laws holds '{name[:64]}', which is not a class of poise")
     if issubclass(kind, Enum):
         return kind[content]
     if issubclass(kind, Struct | tuple):
@@ -269,7 +269,7 @@ def _resolve(value: Any, old: Any) -> Any:
     if not isinstance(value, _Constant):
         return value
     if old is None and value.kind not in _TRANSIENT:
-        raise PoiseError(f"the state of the laws holds '{value.kind[:64]}', which cannot be put back")
+        raise PoiseError(f"the state of the laws holds '{value.kind[:64]}', which cannot be restored")
     return old
 
 

@@ -94,7 +94,9 @@ def body_shapes(
                 if link.find("visual") is None and any(element.find(kind) is not None for kind in kinds):
                     bare.append(name)
     if bare:
-        warnings.warn(f"{urdf}: no mesh of {', '.join(bare)} is there: nothing keeps clear of them", stacklevel=2)
+        warnings.warn(
+            f"{urdf}: meshes of {', '.join(bare)} are missing: no clearance is kept from these links", stacklevel=2
+        )
     text, kind = ET.tostring(root, encoding="unicode"), pin.GeometryType.VISUAL
     try:
         return pin.buildGeomFromUrdfString(robot, text, kind, None, None, _MESHES)

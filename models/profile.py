@@ -164,7 +164,9 @@ class ScanSensor:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.angle_max - self.angle_min <= 6.2832:
-            raise ValueError(f"angle_min {self.angle_min} and angle_max {self.angle_max} rad are no sector of a turn")
+            raise ValueError(
+                f"angle_min {self.angle_min} and angle_max {self.angle_max} rad must span more than 0, at most a turn"
+            )
         if self.range_min >= self.range_max:
             raise ValueError(f"range_min {self.range_min} m is not below range_max {self.range_max} m")
 

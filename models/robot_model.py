@@ -199,7 +199,9 @@ class RobotModel:
         torso = self.pin.inertias[joint]
         mass = torso.mass + payload.mass
         if not mass > 0.0:
-            raise RobotModelError(f"{self.profile.source}: payload.mass: {payload.mass:g} kg leaves none of the torso")
+            raise RobotModelError(
+                f"{self.profile.source}: payload.mass: with {payload.mass:g} kg the torso has no mass"
+            )
         q: Vector = pin.neutral(self.pin)
         q[JOINTS_Q:] = self.posture("stand")
         data = self.data()

@@ -51,6 +51,8 @@ def check_scan(scan: Scan) -> None:
     if turn > 2.0 * math.pi + 1e-3:
         raise MessageError(f"angle_increment: {len(scan.ranges)} readings span {turn:.3f} rad, more than a turn")
     if not 0.0 <= scan.range_min < scan.range_max:
-        raise MessageError(f"range_min {scan.range_min} m and range_max {scan.range_max} m are no range")
+        raise MessageError(
+            f"range_min {scan.range_min} m and range_max {scan.range_max} m: 0 <= range_min < range_max required"
+        )
     if np.isnan(scan.ranges).all():
         raise MessageError("ranges: every reading is nan")

@@ -344,9 +344,11 @@ class PoiseNode(LifecycleNode):
 
     def _declare_realtime(self) -> None:
         self.declare_parameter("realtime.priority", 0, describe("SCHED_FIFO priority, 0 for none", integer=(0, 99)))
-        self.declare_parameter("realtime.lock_memory", False, describe("Whether to lock the memory of the process"))
+        self.declare_parameter(
+            "realtime.lock_memory", False, describe("Whether to lock the memory of the process (mlockall)")
+        )
         self.declare_parameter("realtime.cores", [-1], describe("Cores to run on; [-1] for any"))
-        text = describe("Whether to keep to one core that no other such process has; only with a priority in force")
+        text = describe("Whether to pin the process to a core that no other such process uses; needs realtime.priority")
         self.declare_parameter("realtime.own_core", False, text)
 
     def _set_up_realtime(self) -> None:

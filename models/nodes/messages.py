@@ -298,7 +298,7 @@ def head_from_message(message: Any) -> tuple[float, float]:
     angles = dict(zip(names, message.position, strict=True))
     for name, angle in angles.items():
         if not math.isfinite(angle):
-            raise MessageError(f"{name}: {angle} rad is no angle")
+            raise MessageError(f"{name}: {angle} rad is not finite")
     return float(angles[PAN]), float(angles[TILT])
 
 

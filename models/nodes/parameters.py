@@ -69,9 +69,7 @@ def declare_lockstep(node: Any) -> tuple[bool, bool]:
     """Declare the parameters ``lockstep`` and ``waits`` of the nodes of a tick; ``lockstep`` implies ``waits``."""
     text = "The plant waits for the command of each tick (for deterministic tests)"
     lockstep: bool = declare(node, "lockstep", False, text)
-    text = (
-        "The plant waits for late commands: no sample may be lost, none is late, and a repeated one is answered again"
-    )
+    text = "The plant waits for late commands: no sample is dropped or late, and a repeated one is answered again"
     return lockstep, declare(node, "waits", False, text) or lockstep
 
 

@@ -103,7 +103,9 @@ def pinhole_of(message: Any) -> Pinhole:
         raise MessageError("d: the pictures are distorted; rectify them first (image_proc), and remap to image_rect")
     fx, fy, cx, cy = (float(message.k[i]) for i in (0, 4, 2, 5))
     if not (np.isfinite([fx, fy, cx, cy]).all() and min(fx, fy, message.width, message.height) > 0):
-        raise MessageError(f"k: focal lengths {fx:g}, {fy:g} of {message.width} x {message.height} pixels are none")
+        raise MessageError(
+            f"k: focal lengths {fx:g}, {fy:g} of {message.width} x {message.height} pixels are not valid"
+        )
     return Pinhole(int(message.width), int(message.height), (fx, fy), (cx, cy))
 
 

@@ -51,7 +51,7 @@ def use_fifo(priority: int, log: Callable[[str], object], inherited: bool = True
     try:
         each_thread(lambda thread: os.sched_setscheduler(thread, policy, os.sched_param(priority)))
     except OSError as error:
-        log(f"SCHED_FIFO {priority} not permitted ({error.strerror}): scheduled like any other process")
+        log(f"SCHED_FIFO {priority} not permitted ({error.strerror}): scheduled with ordinary priority")
         return False
     _done.add(f"fifo {priority}")
     log(f"SCHED_FIFO priority {priority}")
@@ -108,7 +108,7 @@ def take_core(log: Callable[[str], object]) -> bool:
             _done.add("core")  # the lock stays open until the process ends
             return True
         os.close(lock)
-    log("no core is free for this process alone: placed by the kernel")
+    log("no free core for this process alone: scheduled on any core")
     return False
 
 

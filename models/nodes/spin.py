@@ -42,7 +42,7 @@ def log_arguments() -> list[str]:
     if not reason:
         return []
     with suppress(OSError):  # the terminal may be a file on the same disk
-        print(f"no logs in {folder}: {reason}; they go to the terminal alone", file=sys.stderr, flush=True)
+        print(f"no log files in {folder}: {reason}; logs are printed only", file=sys.stderr, flush=True)
     return ["--ros-args", "--disable-external-lib-logs"]
 
 

@@ -90,7 +90,7 @@ class _Converter:
             for i in range(self._model.neq)
             if int(self._model.eq_type[i]) in _CLOSED
         ]
-        findings += found("wrong", "equality", closed, "a closed chain, which a URDF has no words for", "left open")
+        findings += found("wrong", "equality", closed, "a closed chain, which a URDF cannot describe", "left open")
         return Description(self._robot, self._drives, tuple(findings))
 
     def _base(self) -> int:

@@ -92,8 +92,10 @@ class PostureSolver:
         knees = [self._knee(leg) for leg in self._legs.both]
         for knee, stretched, bend in knees:
             if abs(bend) < 0.5 * self._config.knee:
-                text = f"the knee bends by {abs(bend):.2f} rad only from the stretched leg ({stretched:.2f} rad)"
-                findings.append(Finding("wrong", named("joint", [self._skeleton.name(knee)]), text, "bent so far"))
+                text = f"the knee bends only by {abs(bend):.2f} rad from the stretched leg ({stretched:.2f} rad)"
+                findings.append(
+                    Finding("wrong", named("joint", [self._skeleton.name(knee)]), text, "bent by this angle")
+                )
         residuals, unmet = self._place_legs(knees, 1.0), None
         if (taken := self._taken(knees)) > self._config.torque_share:
             residuals = self._straighten(knees)
@@ -103,7 +105,7 @@ class PostureSolver:
             text = (
                 f"little torque: bent by {self._config.knee:g} rad, one leg takes {taken * limit:.0f} of {limit:g} N.m"
             )
-            remedy = f"bent by {share:.2f} rad only, where it takes {left * limit:.0f} N.m"
+            remedy = f"bent only by {share:.2f} rad, which takes {left * limit:.0f} N.m"
             findings.append(Finding("note", named("joint", names), text, remedy))
         if np.abs(residuals[:6]).max() > self._config.level:
             stuck, needs = self._stuck(), self._needs([knee for knee, _, _ in knees])

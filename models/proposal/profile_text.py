@@ -17,7 +17,7 @@ _WIDTH = 120  #: Maximum line length of a comment
 _TEXT = """\
 # {name}: proposed by `poise check-robot` from {urdf}.
 # {mass:.1f} kg, CoM {com:.3f} m above the soles, legs of {leg:.3f} m. Everything below that is not in the URDF is an
-# assumption: see the findings, then put the maker's figures in their place.
+# assumption: see the findings, then enter the manufacturer's data.
 {findings}name: {name}
 urdf: {file}
 base_link: {base_link}
@@ -36,11 +36,11 @@ feet:
 # Names of REP-120 on links; xyz [m] and rpy [rad] in the link, those of gaze and imu with the axes of the base at zero.
 frames:
 {frames}
-# Knees a little bent, soles flat, CoM over their middle [rad].
+# Knees slightly bent, soles flat, CoM above their middle [rad].
 postures:
   stand:
 {stand}
-# The G1's sensors, those of the feet scaled by the weight: put those of your data sheets in their place.
+# The G1's sensors, those of the feet scaled by the weight: replace them by those of your data sheets.
 sensors:
 {sensors}"""
 _HULLS = """
@@ -57,7 +57,7 @@ def write_proposal(proposal: Proposal, path: Path) -> list[Path]:
     if proposal.robot is not None:
         file = f"{path.stem}_repaired.urdf"
         if (path.parent / file).resolve() == proposal.source:
-            raise ConfigError(f"{proposal.source}: its repaired copy would replace it: give another name with --out")
+            raise ConfigError(f"{proposal.source}: its repaired copy would overwrite it: give another file with --out")
         proposal = replace(proposal, profile=replace(proposal.profile, urdf=file))
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(profile_text(proposal), encoding="utf-8")

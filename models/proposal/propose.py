@@ -81,7 +81,7 @@ def propose_drives(
         )
         joints[skeleton.name(j)] = Joint(motor=_motor_name(motors, motor, torque))
     text = f"damping or friction above {100.0 * config.friction:g} % of the torque limit: implausible for a drive"
-    return motors, joints, found("note", "joint", implausible, text, "reduced to that")
+    return motors, joints, found("note", "joint", implausible, text, "reduced to this limit")
 
 
 def _joint_inertias(skeleton: Skeleton) -> Vector:
@@ -215,12 +215,12 @@ def _backward(robot: ET.Element, skeleton: Skeleton, legs: Legs, lopsided: float
     left = named_left(skeleton, legs)
     base = f"link '{skeleton.links(BASE)[0]}'"
     if left is not None and toes is not None and left is not toes:
-        text = f"by the names left is at {'+' if left else '-'}y, the feet are longer to the other end"
+        text = f"by the names, left is at {'+' if left else '-'}y; by the longer end of the feet, at the opposite side"
         findings.append(Finding("wrong", base, text, "the names are used"))
     forward = left if left is not None else toes
     if forward is False:
         text = "the base's x axis points backward (REP-103: x forward, y left)"
-        findings.append(Finding("note", base, text, f"turned round below a new base '{FORWARD}'"))
+        findings.append(Finding("note", base, text, f"rotated by 180 deg below a new base '{FORWARD}'"))
     return forward is False
 
 

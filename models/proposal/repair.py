@@ -122,10 +122,10 @@ def _fill_torque(robot: ET.Element, config: RepairConfig) -> list[Finding]:
     weights = masses(robot)
     mass = sum(weights.values())
     light = [j for j in without if sum(weights[n] for n in links_below(robot, end(j, "child"))) < config.light * mass]
-    findings = _fix(light, "no torque limit, and next to nothing to move")
+    findings = _fix(light, "no torque limit, and almost no mass to move")
     heavy = [joint for joint in without if joint not in light]
     torque = float(f"{config.torque * mass * GRAVITY * longest_chain(robot):.3g}")
-    remedy = f"{torque:g} N.m assumed, a guess by mass and size: set torque_limit"
+    remedy = f"{torque:g} N.m assumed, estimated from mass and size: set torque_limit"
     return findings + _assume(heavy, {"effort": torque}, "no torque limit (effort missing or zero)", remedy)
 
 
@@ -165,10 +165,10 @@ def repair_inertias(robot: ET.Element, skeleton: Skeleton) -> list[Finding]:
                 twin, own = (_rotation(elements[name], skeleton, name) for name in (twins[i], link))
                 image = own.T @ _MIRROR @ twin
                 inertia = ratio * image @ _inertia(elements[twins[i]]) @ image.T
-                remedy = f"the mirror image of link '{twins[i]}' taken"
+                remedy = f"replaced by the mirror image of that of link '{twins[i]}'"
             else:
                 inertia = _solid(elements[link], weights[link])
-                remedy = "that of a solid of its mass and bounds taken"
+                remedy = "replaced by that of a solid with its mass and bounds"
             _write(elements[link], inertia)
             findings.append(Finding("note" if whole else "wrong", f"link '{link}'", f"{fault} kg.m^2", remedy))
     return findings
@@ -183,7 +183,7 @@ def placeholders(skeleton: Skeleton, length: float) -> list[Finding]:
         if radius > _SPREAD * length:
             wide.append(skeleton.links(j)[0])
     text = f"inertia of a body more than {1e3 * length:.0f} mm across: a placeholder"
-    return found("wrong", "link", wide, text, "kept: the robot is slower to turn than it looks")
+    return found("wrong", "link", wide, text, "kept: the robot rotates more slowly than its shape suggests")
 
 
 def _inertia(link: ET.Element) -> Matrix:

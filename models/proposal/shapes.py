@@ -130,7 +130,9 @@ def longest_chain(robot: ET.Element) -> float:
     return max((length(link) for link in joints), default=0.0)
 
 
-MISSING = "mesh files are missing: a foot has the shape of what is left, and nothing keeps clear of the rest"
+MISSING = (
+    "mesh files are missing: a foot has the shape of the other meshes, and no clearance is kept from the missing ones"
+)
 _STL_HEAD, _STL_FACE = 84, 50  #: Sizes of the header and of a face of a binary STL file [bytes]
 _STL_FACES = 200_000  #: Maximum faces of an STL file that MuJoCo accepts
 _ROUND = 24  #: Points on the rim of a cylinder
@@ -185,8 +187,8 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
     for suffix, names in boxed.items():
         text = f"{suffix} meshes that MuJoCo cannot read"
         findings += found("note", "link", names, text, "drawn as boxes of their bounds")
-    text = "Collada meshes with y up, which Pinocchio leaves lying"
-    findings += found("note", "link", lying, text, "turned up")
+    text = "Collada meshes with y up, which Pinocchio does not rotate"
+    findings += found("note", "link", lying, text, "rotated to z up")
     findings += found("note", "link", shells, "meshes without volume", "drawn as shells")
     return findings, bool(boxed or dropped or lying or missing)
 

@@ -245,7 +245,7 @@ def find_limbs(robot: ET.Element, skeleton: Skeleton, legs: Legs, floor: float) 
     for side, arm in zip(FOOT_NAMES, arms, strict=True):
         if not arm:
             text = f"no {side} arm: no chain of joints on that side outside the legs"
-            remedy = f"{side[0]}_wrist placed on the torso; motions take the other arm, or are refused"
+            remedy = f"{side[0]}_wrist placed on the torso; motions use the other arm, or are refused"
             findings.append(Finding("note", f"link '{skeleton.links(torso)[0]}'", text, remedy))
     shoulder = skeleton.origins[first[0]][2] if first else skeleton.origins[torso][2]
     frames["gaze"] = _gaze(robot, skeleton, torso, floor + _HEAD_ABOVE * (float(shoulder) - floor), findings)
@@ -318,7 +318,9 @@ def _gaze(robot: ET.Element, skeleton: Skeleton, torso: int, height: float, find
     link = max(tops, key=lambda name: tops[name])
     place = skeleton.place(link)
     top = max(tops[link], height)
-    findings.append(Finding("note", f"link '{link}'", "no link is called head or camera", "gaze placed on top of it"))
+    findings.append(
+        Finding("note", f"link '{link}'", "no link has head or camera in its name", "gaze placed on top of it")
+    )
     lift = place.actInv(np.array([place.translation[0], 0.0, top]))
     return level(skeleton, link, (round(float(lift[0]), 4), round(float(lift[1]), 4), round(float(lift[2]), 4)))
 
@@ -332,10 +334,10 @@ def _imu(skeleton: Skeleton, torso: int, leg: float, findings: list[Finding]) ->
         away = float(np.linalg.norm(skeleton.place(link).translation))
         if away < _IMU_REACH * leg:
             return level(skeleton, link)
-        text = f"an IMU {1e3 * away:.0f} mm from the base: joint noise times that lever is velocity noise"
+        text = f"an IMU {1e3 * away:.0f} mm from the base: joint noise times this distance is velocity noise"
         findings.append(Finding("note", f"link '{link}'", text, f"placed in link '{base}' instead"))
         return level(skeleton, base)
-    findings.append(Finding("note", f"link '{base}'", "no link is called imu", "the IMU is placed here"))
+    findings.append(Finding("note", f"link '{base}'", "no link has imu in its name", "the IMU is placed here"))
     return level(skeleton, base)
 
 

@@ -57,7 +57,7 @@ def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], confi
         rectangle = -heel, toe, -half, half
         text = f"no shape below joint '{skeleton.name(ankle)}': size and height of the sole are unknown"
         remedy = (
-            f"{1e3 * length * config.ankle:.0f} mm below the joint assumed, and a usual size: give the foot a shape"
+            f"assumed {1e3 * length * config.ankle:.0f} mm below the joint, with a usual size: give the foot a shape"
         )
         findings.append(Finding("wrong", f"link '{link}'", text, remedy))
         rotation, depth = np.eye(3), length * config.ankle
@@ -83,8 +83,8 @@ def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], confi
             Finding("note", f"link '{link}'", text, f"{width:.0f} mm wide; the wider, the more a walk drifts")
         )
     if free[NORMAL]:
-        text = f"{len(leg)} joints do not turn the sole about the vertical: the robot faces where its feet point"
-        findings.append(Finding("note", f"link '{link}'", text, "it walks, and does not turn"))
+        text = f"{len(leg)} joints do not turn the sole about the vertical: the robot faces the direction of its feet"
+        findings.append(Finding("note", f"link '{link}'", text, "it walks, but does not turn"))
     in_base = pin.SE3(rotation, skeleton.origins[ankle] - depth * rotation[:, 2])
     return SoleShape(link, skeleton.place(link).actInv(in_base), rectangle, tuple(findings))
 
@@ -120,8 +120,8 @@ def _outline(
         size = max(x_max - x_min, 0.0), max(y_max - y_min, 0.0)
         if size[0] > least[0] and size[1] > least[1]:
             if wider > 1.0:
-                text = f"the sole is not flat: it needs its lowest {1e3 * wider * config.band:.0f} mm"
-                findings.append(Finding("wrong", f"link '{link}'", text, "taken as flat"))
+                text = f"the sole is not flat: its rectangle uses the lowest {1e3 * wider * config.band:.0f} mm"
+                findings.append(Finding("wrong", f"link '{link}'", text, "treated as flat"))
             return round(x_min, 4), round(x_max, 4), round(y_min, 4), round(y_max, 4)
     raise RobotModelError(
         f"{where} has no flat sole: {1e3 * size[0]:.0f} x {1e3 * size[1]:.0f} mm, at least "

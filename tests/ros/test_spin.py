@@ -123,7 +123,7 @@ def test_where_no_log_can_be_written_a_process_says_so_and_runs(ros_domain_id: i
         env=environment,
     )
     assert ended.returncode == 0
-    assert "no logs in /dev/null/logs: Not a directory" in ended.stderr
+    assert "no log files in /dev/null/logs: Not a directory" in ended.stderr
 
 
 MAINS = """

@@ -109,11 +109,11 @@ def test_what_cannot_be_put_back_is_named() -> None:
     law, again = Law(Head(), None), Law(Head(), None)
     state = LawState(law)
     law.named[1, 2] = iter([1])
-    with pytest.raises(PoiseError, match=r"list_iterator'.* cannot be put back"):
+    with pytest.raises(PoiseError, match=r"list_iterator'.* cannot be restored"):
         moved(state, LawState(again))
     for content, name in ((Foreign("true"), "posix:system"), (Unknown(), "os:system")):
         data, description = describe(state, Captured(state.memory(), pickle.dumps({".head": (("goal", content),)}), []))
-        with pytest.raises(PoiseError, match=f"'{name}', which is not known"):
+        with pytest.raises(PoiseError, match=f"'{name}', which is not"):
             restore(LawState(again), data, description)
     description["arrays"] = description["arrays"][1:]
     with pytest.raises(PoiseError, match="another version"):

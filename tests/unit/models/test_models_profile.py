@@ -78,8 +78,8 @@ def _delete(*keys: str) -> Callable[[dict[str, Any]], None]:
     [
         (_set("colour", value="red"), "colour"),
         (_delete("frames", "scan"), "'scan' is missing, where sensors.scan is mounted"),
-        (_set("sensors", "scan", "angle_max", value=-4.0), "are no sector of a turn"),
-        (_set("sensors", "scan", "angle_max", value=3.2), "are no sector of a turn"),
+        (_set("sensors", "scan", "angle_max", value=-4.0), "must span more than 0, at most a turn"),
+        (_set("sensors", "scan", "angle_max", value=3.2), "must span more than 0, at most a turn"),
         (_set("sensors", "scan", "range_min", value=12.0), "range_min 12.0 m is not below range_max"),
         (_set("sensors", "scan", "rays", value=1), r"sensors\.scan\.rays"),
         (_set("sensors", "imu", "temperature", value=1.0), r"sensors\.imu\.temperature"),

@@ -66,5 +66,5 @@ def test_motions_are_planned_with_the_payload(tmp_path: Path, g1: RobotModel) ->
 
 
 def test_no_torso_is_left(tmp_path: Path) -> None:
-    with pytest.raises(RobotModelError, match=r"payload.mass: -40 kg leaves none of the torso"):
+    with pytest.raises(RobotModelError, match=r"payload.mass: with -40 kg the torso has no mass"):
         load(tmp_path, -40.0, (0.0, 0.0))

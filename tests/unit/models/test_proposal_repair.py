@@ -69,7 +69,7 @@ def test_repaired_copies_of_files_of_one_name_are_kept_apart(g1: RobotModel, tmp
         loaded[fixed] = write_proposal(proposal, tmp_path / f"{fixed}.yaml")[0]
     assert all(fixed not in RobotModel.load(profile).joint_names for fixed, profile in loaded.items())
     proposal = replace(proposal, source=tmp_path / "mine_repaired.urdf")
-    with pytest.raises(ConfigError, match="would replace it"):
+    with pytest.raises(ConfigError, match="would overwrite it"):
         write_proposal(proposal, tmp_path / "mine.yaml")
 
 
@@ -100,7 +100,7 @@ def test_a_powerless_finger_is_fixed(changed: Callable[[Change], Proposal]) -> N
 
     proposal = changed(finger)
     assert "thumb_joint" not in proposal.profile.joints
-    assert findings(proposal, "thumb_joint") == ["note: no torque limit, and next to nothing to move: fixed at zero"]
+    assert findings(proposal, "thumb_joint") == ["note: no torque limit, and almost no mass to move: fixed at zero"]
 
 
 def test_links_called_like_frames_are_renamed(changed: Callable[[Change], Proposal]) -> None:
@@ -151,7 +151,7 @@ def test_an_impossible_inertia_is_taken_from_the_other_side(changed: Callable[[C
 
     proposal = changed(corrupt)
     (text,) = findings(proposal, "right_knee_link")
-    assert text.startswith("wrong: impossible inertia") and "the mirror image of link 'left_knee_link' taken" in text
+    assert text.startswith("wrong: impossible inertia") and "mirror image of that of link 'left_knee_link'" in text
     assert proposal.robot is not None
     left, right = (
         {k: float(v) for k, v in find(proposal.robot, f"link[@name='{side}_knee_link']/inertial/inertia").items()}
@@ -172,7 +172,7 @@ def test_an_unreadable_visual_becomes_a_box(changed: Callable[[Change], Proposal
     proposal = changed(swap)
     texts = findings(proposal, "left_rubber_hand")
     assert "note: .dae meshes that MuJoCo cannot read: drawn as boxes of their bounds" in texts
-    assert "note: Collada meshes with y up, which Pinocchio leaves lying: turned up" in texts
+    assert "note: Collada meshes with y up, which Pinocchio does not rotate: rotated to z up" in texts
     assert proposal.robot is not None
     box = find(proposal.robot, "link[@name='left_rubber_hand']/visual/geometry/box")
     size = [float(value) for value in (box.get("size") or "").split()]
@@ -205,7 +205,7 @@ def test_the_laws_go_without_the_shapes_of_missing_meshes(g1: RobotModel, tmp_pa
     (tmp_path / "mine.urdf").write_text(ET.tostring(tree, encoding="unicode"))
     (tmp_path / "mine.yaml").write_text("extends: g1\nurdf: mine.urdf\n")
     model = RobotModel.load(tmp_path / "mine.yaml")
-    with pytest.warns(UserWarning, match="mine.urdf: no mesh of .*left_knee_link.* is there"):
+    with pytest.warns(UserWarning, match="mine.urdf: meshes of .*left_knee_link.* are missing"):
         shapes = leg_shapes(model)
     feet = {model.pin.frames[body.parentFrame].name for body in shapes.geometryObjects}
     assert feet == {"left_ankle_roll_link", "right_ankle_roll_link"}  # spheres
