@@ -445,7 +445,7 @@ class ControlStack:
     def look(self, pan: float, tilt: float) -> None:
         """Turn the head to joint angles [rad], held until a motion moves the head; ``CommandError`` when refused."""
         if self.head is None:
-            raise CommandError("this robot has no head to turn: its profile names no joints 'head.pan' and 'head.tilt'")
+            raise CommandError("this robot has no movable head: its profile has no 'head.pan' and 'head.tilt'")
         self.head.command(pan, tilt)
         self._record("head", pan, tilt)
 

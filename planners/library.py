@@ -96,7 +96,7 @@ def load_library(model: RobotModel, extra: Iterable[str | Path] = ()) -> dict[st
     for path in [*sorted(packaged.glob("*.yaml")), *(Path(entry) for entry in extra)]:
         motion = load_motion(path, model)
         if motion.name in library:
-            raise ConfigError(f"{path}: name: a motion '{motion.name}' exists already")
+            raise ConfigError(f"{path}: name: a motion '{motion.name}' exists already; give another name")
         library[motion.name] = motion
     return dict(sorted(library.items()))
 

@@ -128,11 +128,7 @@ class SizedMotion(NamedTuple):
     @property
     def reduced(self) -> str:
         """Text that describes the reduction; empty for a motion of full size."""
-        return (
-            ""
-            if self.size == 1.0
-            else f"at {100.0 * self.size:.0f} % of its size, as far as limbs reach and torques go"
-        )
+        return "" if self.size == 1.0 else f"at {100.0 * self.size:.0f} % of its size, limited by reach and torques"
 
 
 class MotionPlanner:
@@ -355,7 +351,7 @@ class MotionPlanner:
             at, joint = divmod(int(np.abs(curve.a).argmax()), self._model.nj)
             raise UnreachableError(
                 f"{goals[0].name}: joint '{self._model.joint_names[joint]}' would have to jump "
-                f"{at / self._config.sample_rate:.2f} s after the start; the soles leave it no smooth way"
+                f"{at / self._config.sample_rate:.2f} s after the start; no smooth path keeps the soles planted"
             )
         check_path(self._model, self._config, self._collision, stance, bounds, curve)
         return JointTrajectory(self._model.joint_names, curve.times, curve.q, curve.v)

@@ -85,7 +85,7 @@ class Head:
         """Set the goal to joint angles [rad], clipped to the limits; ``CommandError`` when one is not finite."""
         for name, value in (("pan", pan), ("tilt", tilt)):
             if not math.isfinite(value):
-                raise CommandError(f"{name}: {value} rad is no angle")
+                raise CommandError(f"{name}: {value} rad is not finite")
         self._goal = np.clip([pan, tilt], self._low, self._high)
 
     def release(self, motion: JointTrajectory) -> None:

@@ -121,7 +121,7 @@ def calibrate_closed_chain(
     usable = [w for w in windows if w.loads.min() > config.feet.air_load * weight and w.speed < limits.speed_max]
     details = {"windows": float(len(usable)), "windows_left_out": float(len(windows) - len(usable))}
     if len(usable) < limits.min_windows:
-        return refuse(f"{len(usable)} usable windows on both soles, at least {limits.min_windows} needed", details)
+        return refuse(f"{len(usable)} usable windows on both soles, at least {limits.min_windows} required", details)
     k = terms.joints.size
     prior, x = _prior(model, terms, limits), np.zeros(terms.size)
     terms.update(usable[0].q, x)
@@ -139,7 +139,7 @@ def calibrate_closed_chain(
     details |= {f"sigma_{name}": float(value) for name, value in zip(names, sigma, strict=True)}
     if residual > limits.residual_max or gated > limits.gated_max * len(usable):
         return refuse(
-            f"the soles do not stay where they are, or the floor is not level: residual {residual:.1f} times its noise "
+            f"the soles slip, or the floor is not level: residual {residual:.1f} times its noise "
             f"(at most {limits.residual_max:g}), {gated:.0f} of {len(usable)} windows are outliers (at most "
             f"{limits.gated_max:.0%})",
             details,
@@ -160,7 +160,7 @@ def calibrate_closed_chain(
     return accept(
         f"offsets of {k} joints, the largest {np.abs(x[:k]).max():.4f} rad, known to {sigma[worst]:.4f} rad "
         f"('{names[worst]}') or better; {untouched} joints that are not between the soles and the IMU are "
-        "not observable and stay as they are",
+        "not observable and remain unchanged",
         details,
         replace(base, encoder_offsets=offsets),
     )

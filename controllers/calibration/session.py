@@ -60,7 +60,7 @@ class CalibrationSession:
         ``standing`` is whether both feet bear the robot; used only without foot sensors.
         """
         if what not in WHATS:
-            return CommandReply(False, f"calibration of {what[:32]!r} refused: known are {', '.join(WHATS)}")
+            return CommandReply(False, f"calibration of {what[:32]!r} refused; known: {', '.join(WHATS)}")
         if self.what:
             return CommandReply(False, f"calibration of '{what}' refused: '{self.what}' is being calibrated")
         if what == "feet" and not self._fitted:
@@ -94,7 +94,7 @@ class CalibrationSession:
     def finish(self, base: Calibration) -> Outcome:
         """End the calibration; returns the new one without a time stamp, or the reason of the refusal, with details."""
         if not self.what:
-            return refuse("nothing is being calibrated: start first", {})
+            return refuse("no calibration is running: start one first", {})
         return solve(self.job(base), self._model)
 
 
@@ -190,7 +190,7 @@ class CalibrationProcedure:
             )
             return CommandReply(False, reason)
         if what == "joints" and situation == HANGING:
-            return CommandReply(False, "calibration of 'joints' refused in the air: it needs both soles on the floor")
+            return CommandReply(False, "calibration of 'joints' refused in the air: both soles must be on the floor")
         reply = self._session.start(what, standing=situation == STANDING)
         if reply.accepted:
             self.problem, self._begun_in = "", situation
@@ -252,7 +252,7 @@ class CalibrationProcedure:
         if name == self._motion and self._stage is Stage.ASKED:
             self._named = True
         else:
-            self._give_up(f"the motion '{name[:32]}' was asked for")
+            self._give_up(f"the motion '{name[:32]}' was requested meanwhile")
 
     def on_motion(self, status: MotionStatus) -> None:
         """Handle the status of the requested motion."""

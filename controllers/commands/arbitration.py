@@ -42,7 +42,7 @@ class ArbitrationConfig:
     def __post_init__(self) -> None:
         for name in (*self.sources, *self.locks):
             if not _NAME.fullmatch(name):
-                raise ValueError(f"'{name}' is no part of a topic's name: lower-case letters, digits and _ only")
+                raise ValueError(f"'{name}' is not valid in a topic name: use lower-case letters, digits and _ only")
         if PLAIN not in self.sources:
             raise ValueError(f"sources: '{PLAIN}' is missing")
         priorities = [source.priority for source in self.sources.values()]

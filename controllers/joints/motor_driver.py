@@ -22,7 +22,7 @@ def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:
     Only a change from an inactive to an active mode arms the drivers, also after a fault.
     """
     if mode is Mode.OFF and servo.state is ServoState.ACTIVE:
-        raise CommandError("mode 'off' refused: the robot would drop; 'damp' comes first")
+        raise CommandError("mode 'off' refused: the robot would drop; request 'damp' first")
     if mode in ACTIVE_MODES:
         if before not in ACTIVE_MODES:
             servo.arm()
@@ -39,7 +39,7 @@ def check_stamp(stamp: int, last: int, now: int, age_max: int, counters: Counter
     older than ``age_max``. Raises ``MessageError`` when ``stamp`` is not after ``last``, after ``now``, or too old.
     """
     if stamp and not last < stamp <= now:
-        raise MessageError(f"header.stamp: {stamp} ns is not after {last} ns or not yet due")
+        raise MessageError(f"header.stamp: {stamp} ns is not after {last} ns, or is in the future")
     if stamp and now - stamp > age_max:
         counters[TOO_OLD] += 1
         raise MessageError(f"header.stamp: {stamp} ns is {now - stamp} ns old, more than {age_max} ns")
@@ -82,7 +82,7 @@ class MotorDriver:
         before = self._mode
         if before is None and mode in ACTIVE_MODES:
             self._mode = mode
-            raise CommandError(f"mode '{mode.value}' was there before the drivers: 'damp' comes first")
+            raise CommandError(f"mode '{mode.value}' was active before the drivers started: request 'damp' first")
         follow_mode(self.servo, before or Mode.OFF, mode)
         self._mode = mode
 

@@ -60,12 +60,10 @@ class BalanceControllerNode(PoiseNode):
         self._lockstep, self._waits = declare_lockstep(self)
         text = "Offered deadline of the joint command [s]"
         self._deadline = declare(self, "command_deadline", 0.02, text, low=0.002, high=1.0)
-        self._posture_period = declare_period(
-            self, "posture_rate", 50.0, "the reference posture, which planners start from"
-        )
-        text = "Rate of the states [Hz]: the joint monitor counts on it, and a tick of the law has the time between two"
+        self._posture_period = declare_period(self, "posture_rate", 50.0, "the reference posture, the start of plans")
+        text = "Rate of the states [Hz]; the joint monitor uses it, and its period is the time budget of a tick"
         self._period = 1.0 / declare(self, "sensor_rate", 1000.0, text, low=1.0, high=10000.0)
-        text = describe("Whether the node may be deactivated while the robot stands on it", read_only=False)
+        text = describe("Whether the node may be deactivated while it balances the robot", read_only=False)
         self.declare_parameter(FORCE, False, text)
         self._overruns = 0
         self._joint_fault = ""

@@ -156,7 +156,9 @@ class CalibrationServices:
             try:
                 self._solver.start(procedure.job(base))
             except OSError as error:  # no disk space or no process: the estimator continues
-                self._answer(CommandReply(False, f"calibration aborted: the solver does not start: {error.strerror}"))
+                self._answer(
+                    CommandReply(False, f"calibration aborted: the solver cannot be started: {error.strerror}")
+                )
         outcome = self._solver.poll()
         if outcome is not None:
             self._answer(self._save(outcome))
@@ -164,14 +166,14 @@ class CalibrationServices:
     def _save(self, outcome: Outcome) -> CommandReply:
         reply, store = outcome.reply, self._file.store
         if outcome.calibration is not None and not self._save_it:
-            return CommandReply(True, f"{reply.reason}; not kept, as asked", reply.details)
+            return CommandReply(True, f"{reply.reason}; not stored, as requested", reply.details)
         if outcome.calibration is None or store is None:
             return reply
         try:
             store.save(outcome.calibration, now=datetime.now(UTC), what=self._what)
         except PoiseError as error:
-            return CommandReply(False, f"{reply.reason}; not kept: {error}", reply.details)
-        return CommandReply(True, f"{reply.reason}; in effect at the next start ({store.path})", reply.details)
+            return CommandReply(False, f"{reply.reason}; not stored: {error}", reply.details)
+        return CommandReply(True, f"{reply.reason}; takes effect at the next start ({store.path})", reply.details)
 
     def _answer(self, reply: CommandReply) -> None:
         self._node.get_logger().info(f"calibrate/{self._what}: {reply.reason}")

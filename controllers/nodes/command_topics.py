@@ -232,7 +232,7 @@ class CommandTopics:
         age = (self._reports.now - stamp) / NANOSECONDS
         if abs(age) > timeout:
             text = f"{age:.3f} s old" if age > 0.0 else f"{-age:.3f} s ahead"
-            raise MessageError(f"header.stamp: {text}; a stamp is of /clock, or zero for now")
+            raise MessageError(f"header.stamp: {text}; stamp with /clock, or with zero for the present time")
         if stamp <= self._last_stamp:
             raise MessageError(f"header.stamp: {stamp} ns is not after {self._last_stamp} ns")
         self._last_stamp = stamp

@@ -45,7 +45,7 @@ class EstimateRates:
 def declare_rates(node: PoiseNode, *, shared: bool, lockstep: bool) -> EstimateRates:
     """Declare the publication rates; a controller in another process and lockstep need every ``/odom``."""
     odom = declare_period(node, "odom_rate", 100.0, "/odom and /contacts when the controller shares the process")
-    repeated = "the covariance in /odom, which is repeated in between"
+    repeated = "the updates of the covariance in /odom"
     return EstimateRates(
         odom=odom if shared and not lockstep else 0,
         imu=declare_period(node, "imu_rate", 100.0, "/imu/data"),

@@ -40,14 +40,14 @@ class FootSensorNode(PoiseNode):
         self._defaults = default_config(EstimatorConfig, "controllers", "estimator")
         self._contact: ContactConfig = declare_config(self, self._defaults.contact, "contact.")
         self._period = declare_period(self, "rate", 100.0, "contacts without a change, and of centres of pressure")
-        text = "Age of a foot's sample against the other's above which it counts as silent [s]"
+        text = "Age difference between the samples of the feet above which the older foot counts as silent [s]"
         self._age_max = declare_ns(self, "age_max", 0.005, text, low=0.001)
         text = "Largest step of a stamp that is accepted at once [s]"
         self._gap_max = declare_ns(self, "gap_max", 0.05, text, low=0.001, high=1.0)
 
     def configure(self) -> None:
         if not self.model.profile.sensors.feet.fitted:
-            raise ConfigError(f"{self.robot}: no foot sensors are fitted by its profile (sensors.feet.fitted)")
+            raise ConfigError(f"{self.robot}: the profile has no foot sensors (sensors.feet.fitted)")
         fixed = self._defaults
         self._law = ContactDetector(self.model, self._contact, fixed.foot_sensors, fixed.foot, fixed.gravity)
         self._contacts = [self.announce(Bool, topic, STATE) for topic in topics.FOOT_CONTACTS]

@@ -35,7 +35,7 @@ class GaitExecutor:
         self._node, self._stack = node, stack
         self._config = declare_gait(node, "gait.")
         self._period = declare_period(node, "gait_state_rate", 50.0, "the state of the gait for the gait planner")
-        text = "Silence of the gait planner after which the robot comes to a standstill [s]"
+        text = "Timeout of the gait planner, after which the robot comes to a standstill [s]"
         self._timeout = declare_ns(node, "gait_timeout", 0.5, text, low=0.05, high=10.0)
         self.silent = True
 

@@ -36,7 +36,7 @@ class ImuNode(PoiseNode):
         config = default_config(OrientationFilterConfig, "controllers", "orientation_filter")
         self._config = declare_config(self, config, "filter.")
         self._period = declare_period(self, "rate", 100.0, f"{topics.IMU_FILTERED} and of the table")
-        text = "Samples averaged for the start, at rest"
+        text = "Samples averaged at the start, at rest"
         self._start_samples = declare(self, "start_samples", 100, text, integer=(1, 10000))
         text = "Largest step of a stamp that is accepted at once [s]"
         self._gap_max = declare_ns(self, "gap_max", 0.05, text, low=0.001, high=1.0)

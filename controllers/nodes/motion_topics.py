@@ -67,13 +67,13 @@ class MotionTopics:
         request, mode = "", self._mode()
         try:
             if len(data) > TRAJECTORY_BYTES_MAX:  # decoding would delay the ticks that balance the robot
-                raise MessageError(f"{len(data)} bytes, at most {TRAJECTORY_BYTES_MAX}: leave out points")
+                raise MessageError(f"{len(data)} bytes, at most {TRAJECTORY_BYTES_MAX}: send fewer points")
             message = decode(data, JointTrajectory)
             request = message.header.frame_id if topic == topics.MOTION_TRAJECTORY else ""
             if request and not (mode in (Mode.MOTION, Mode.WALK) and request == self.requested):
-                raise PoiseError(f"'{request[:32]}' came too late: mode '{mode.value}' goes on")
+                raise PoiseError(f"'{request[:32]}' arrived too late: mode '{mode.value}' continues")
             if not self._node.active or mode not in ACTIVE_MODES or (mode is Mode.WALK and not request):
-                raise PoiseError(f"no trajectory in mode '{mode.value}': poise mode stand comes first")
+                raise PoiseError(f"no trajectory in mode '{mode.value}': first poise mode stand")
             self._stack.follow(trajectory_from_message(message), zlib.crc32(data))
         except PoiseError as error:
             self._publish(MotionState.REFUSED, request, str(error))
@@ -102,5 +102,5 @@ class HeadTopics:
         mode = self._mode()
         pan, tilt = head_from_message(message)
         if self._joints is not None and not (self._node.active and mode in ACTIVE_MODES):
-            raise PoiseError(f"the head is not moved in mode '{mode.value}': poise mode stand comes first")
+            raise PoiseError(f"the head does not move in mode '{mode.value}': first poise mode stand")
         self._stack.look(pan, tilt)

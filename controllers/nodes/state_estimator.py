@@ -48,7 +48,7 @@ class StateEstimatorNode(PoiseNode):
         self._lockstep, self._waits = declare_lockstep(self)
         self._rates = declare_rates(self, shared=hand_over is not None, lockstep=self._lockstep)
         self._ages = declare_ages(self)
-        text = "Samples averaged for the start, at rest (lockstep: 1)"
+        text = "Samples averaged at the start, at rest (lockstep: 1)"
         self._start_samples = 1 if self._lockstep else declare(self, "start_samples", 100, text, integer=(1, 10000))
         self._first: list[SensorData] = []
         self._state: RobotState | None = None

@@ -53,19 +53,19 @@ class SupervisorNode(PoiseNode):
         self._auto_stand = declare(self, "auto_stand", True, text)
         text = "Time between two checks of the robot's health [s]"
         self._period = declare(self, "period", 0.02, text, low=0.001, high=1.0)
-        text = "How long a preflight check collects samples [s]"
+        text = "Duration of a preflight check [s]"
         self._listen_time = declare(self, "preflight_time", 0.5, text, low=0.05, high=10.0)
         text = "Rate of each sensor topic [Hz]"
         self._sensor_rate = declare(self, "sensor_rate", 1000.0, text, low=1.0, high=10000.0)
-        text = "Silence of /clock after which the robot is damped [s]"
+        text = "Timeout of /clock, after which the robot is damped [s]"
         self._clock_timeout = declare(self, "clock_timeout", 0.5, text, low=0.01, high=60.0)
-        text = "How long a supervisor that starts beside a standing robot waits for its reports [s]"
+        text = "Maximum wait for the reports of a robot that stands when the supervisor starts [s]"
         self._adoption_time = declare(self, "adoption_time", 1.0, text, low=0.1, high=10.0)
         text = "Whether obstacles in the scan limit the velocity, where the robot has a scanner"
         self._look_ahead = declare(self, "look_ahead", True, text)
-        text = "File with the key of signed commands; empty: unsigned ones are accepted"
+        text = "File with the key of signed commands; empty: unsigned commands are accepted"
         self._key_file = declare(self, "command_key", "", text)
-        text = "How far the stamp of a signed command may be from the wall time [s]"
+        text = "Largest difference between the stamp of a signed command and the wall time [s]"
         self._key_window = declare(self, "command_window", 2.0, text, low=0.1, high=60.0)
 
     def configure(self) -> None:
@@ -149,7 +149,7 @@ class SupervisorNode(PoiseNode):
         if start is not None and self._driver_state in (topics.HANGING, topics.DAMPED):
             return (f"start '{start.state}' waits for {start.waits_for[:REASON_MAX]}",)
         if self._driver_state == topics.HANGING:
-            return ("the robot hangs in the air: let it down first (simulated: poise hang --down)",)
+            return ("the robot hangs in the air: lower it first (simulated: poise hang --down)",)
         return ()
 
     def _watch(self) -> None:
@@ -158,7 +158,7 @@ class SupervisorNode(PoiseNode):
         if not self._reports.complete and time.monotonic() < self._adopting_until:
             return
         if self._reports.clock_silence(self._period) > self._clock_timeout:
-            self._law.fault(f"no /clock for {self._clock_timeout} s: the driver is gone, or had no processor")
+            self._law.fault(f"no /clock for {self._clock_timeout} s: the driver has ended, or had no processor time")
         else:
             health, before = self._reports.health(self._driver_state, self._config), self._law.faults
             held = [cause_of(hold) for hold in self._law.holds]
@@ -232,7 +232,7 @@ class SupervisorNode(PoiseNode):
         if mode is Mode.OFF and reply.accepted and self._reports.start_status is not None:
             return CommandReply(
                 True,
-                "off: its start decides what the drives of a real robot do; without torque it is when switched off",
+                "off: the drives of a real robot follow its start; switch the robot off to remove all torque",
             )
         return reply
 
@@ -247,8 +247,8 @@ class SupervisorNode(PoiseNode):
         if start is None or not reply.accepted:
             return reply
         answers = {
-            "listen": "nothing is sent yet: use its own stop, or poise start damp if its controller is released",
-            "release": "damped as soon as the robot's own controller has ended; until then use its own stop",
+            "listen": "nothing is sent yet: use its stop function, or poise start damp if its controller is released",
+            "release": "damped as soon as the robot's own controller has ended; until then use its stop function",
         }
         answers["gantry"] = answers["listen"]
         latched = "emergency stop is latched; " if self._law.stopped else ""
@@ -258,7 +258,9 @@ class SupervisorNode(PoiseNode):
         reply, start = self._law.reset_faults(), self._reports.start_status
         if start is None or start.state not in ("held", "loaded"):
             return reply
-        return CommandReply(True, f"{reply.reason}; stand clear: it stands by itself when its feet bear the weight")
+        return CommandReply(
+            True, f"{reply.reason}; stand clear: the robot stands by itself when its feet bear the weight"
+        )
 
     def _set_mode(self, name: str) -> CommandReply:
         if name not in _SERVED:

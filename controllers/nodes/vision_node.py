@@ -37,9 +37,9 @@ class VisionNode(PoiseNode):
         super().__init__("vision_node", **kwargs)
         config = default_config(TargetConfig, "controllers", "vision")
         self._config = declare_config(self, config, "target.")
-        text = "Turn the head after the target, by head/pan_tilt; the robot must have a head"
+        text = "Whether to turn the head towards the target, by head/pan_tilt; the robot must have a head"
         self._follow = declare(self, "follow", False, text)
-        text = "Largest time between a picture and an angle of the head that goes with it [s]"
+        text = "Largest time between a picture and the head angle assigned to it [s]"
         self._tolerance = declare_ns(self, "head_tolerance", 0.1, text, low=0.0)
 
     def configure(self) -> None:
@@ -67,7 +67,9 @@ class VisionNode(PoiseNode):
         if camera is None:
             raise MessageError(f"no message on {topics.CAMERA_INFO} yet")
         if picture.shape[:2] != (camera.height, camera.width):
-            raise MessageError(f"height, width: {picture.shape[:2]}, {(camera.height, camera.width)} by its info")
+            raise MessageError(
+                f"height, width: {picture.shape[:2]}, but {(camera.height, camera.width)} in the camera info"
+            )
         self._newest, seen = time.monotonic(), self._finder.find(picture)
         self._detected.publish(Bool(data=seen is not None))
         self._publish_bearing(message, None if seen is None else camera.bearing(seen.pixel))
@@ -87,7 +89,7 @@ class VisionNode(PoiseNode):
         angles = self._angles.at(stamp, self._tolerance)
         if angles is None:
             when = stamp / NANOSECONDS
-            self.refuse(topics.HEAD_STATE, f"no angle of the head at {when:.3f} s, when a picture was taken")
+            self.refuse(topics.HEAD_STATE, f"no head angle at {when:.3f} s, the time of a picture")
             return
         self._head.publish(head_message(stamp, *self._gaze.aim(float(angles[0]), float(angles[1]), bearing)))
 

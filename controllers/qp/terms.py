@@ -173,7 +173,7 @@ def frame_id_of(model: RobotModel, name: str) -> int:
     except ConfigError as error:
         found = [index for index, frame in enumerate(model.pin.frames) if frame.name == name]
         if not found:
-            raise ConfigError(f"{error}; the URDF has none of that name either") from error
+            raise ConfigError(f"{error}; the URDF has no frame of that name either") from error
         return found[-1]  # the frame of a link comes after the frame of its joint
 
 

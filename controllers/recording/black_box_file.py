@@ -146,7 +146,7 @@ class BlackBoxRecord:
             with open_arrays(path) as data:
                 meta = json.loads(str(data["meta"]))
                 if meta["format"] not in range(SINGLE, FORMAT + 1):
-                    raise PoiseError(f"{path}: black box of format {meta['format']}; this reads {FORMAT}")
+                    raise PoiseError(f"{path}: black box of format {meta['format']}; this version reads {FORMAT}")
                 arrays = {name: data[name] for name in UNITS if name in data or meta["format"] > SINGLE}
                 if meta["format"] == SINGLE:
                     t = arrays["t"]

@@ -55,7 +55,7 @@ class Problem(NamedTuple):
 
 def second_publisher(topic: str, who: str) -> str:
     """Sentence on a topic with a second publisher ``who``."""
-    return f"'{topic}' has a second publisher: {who}; end it, and stand or call reset_faults"
+    return f"'{topic}' has a second publisher: {who}; end it, then stand or call reset_faults"
 
 
 def tilt(quaternion: Vector) -> float:
@@ -93,7 +93,7 @@ class Health:
         found = [Problem(Severity.DAMP, reason) for reason in self._damping(config, t)]
         found += [Problem(Severity.STAND, reason) for reason in self.intruders]
         found += [Problem(Severity.HOLD, reason) for reason in self.hardware]
-        return found + [Problem(Severity.HOLD, f"node '{node}' gives no sign of life") for node in self.silent]
+        return found + [Problem(Severity.HOLD, f"node '{node}' sends no diagnostics") for node in self.silent]
 
     def _damping(self, config: SupervisorConfig, t: float) -> list[str]:
         """Reasons to damp the robot, the most informative first."""

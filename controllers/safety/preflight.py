@@ -49,7 +49,7 @@ def described_mass(urdf: str) -> float:
 
 def _mass(model: RobotModel, config: SupervisorConfig, description: str | None) -> list[str]:
     if description is None:
-        return ["robot_description has not arrived"]
+        return ["robot_description was not received"]
     try:
         mass = described_mass(description)
     except RobotModelError as error:
@@ -62,7 +62,7 @@ def _mass(model: RobotModel, config: SupervisorConfig, description: str | None) 
 
 def _joints(model: RobotModel, config: SupervisorConfig, joints: Vector | None) -> list[str]:
     if joints is None:
-        return ["no joint states have arrived"]
+        return ["no joint states were received"]
     margin = config.limit_margin
     outside = np.flatnonzero(~((joints >= model.q_lower - margin) & (joints <= model.q_upper + margin)))
     return [
@@ -74,7 +74,7 @@ def _joints(model: RobotModel, config: SupervisorConfig, joints: Vector | None) 
 
 def _attitude(config: SupervisorConfig, quaternion: Vector | None) -> list[str]:
     if quaternion is None:
-        return ["no state estimate has arrived"]
+        return ["no state estimate was received"]
     return attitude(config, tilt(quaternion))
 
 

@@ -91,7 +91,7 @@ class Supervisor:
         if mode is Mode.WALK:
             return self._walk()
         if mode is Mode.MOTION:
-            return self._refuse(mode, f"name a motion instead: {', '.join(self.config.motions)}")
+            return self._refuse(mode, f"send the name of a motion instead: {', '.join(self.config.motions)}")
         if self.mode in (Mode.MOTION, Mode.WALK):
             return self._stop()
         if self._lame:
@@ -169,7 +169,9 @@ class Supervisor:
         if not moving:
             return CommandReply(True, "zero velocity: standing")
         if barred:
-            return self._refuse(Mode.WALK, "the robot was stopped; a velocity walks again after a zero or a pause")
+            return self._refuse(
+                Mode.WALK, "the robot was stopped; send a zero velocity, or pause, before a new velocity"
+            )
         reply = self._walk()
         self._by_velocity |= reply.accepted
         return reply
@@ -262,9 +264,9 @@ class Supervisor:
         if self._motion_seen and not active and self._pending is None:
             self.motion = None
             if self.mode is Mode.MOTION:
-                self._enter(Mode.STAND, "motion done")
+                self._enter(Mode.STAND, "motion completed")
         elif not self._motion_seen and t - self._motion_since > self.config.plan_timeout:
-            self.motion_refused(f"nothing to follow after {self.config.plan_timeout:.0f} s")
+            self.motion_refused(f"no trajectory within {self.config.plan_timeout:.0f} s")
 
     def _start_motion(self, name: str) -> CommandReply:
         allowed = self.config.walking_motions
@@ -295,10 +297,12 @@ class Supervisor:
             self._halting = False
             return CommandReply(True, "walk: continues")
         if self.held and self.mode is Mode.STAND:
-            return self._refuse(Mode.WALK, "the robot is held at its start until its feet bear it; try again then")
+            return self._refuse(
+                Mode.WALK, "the robot is held at its start until its feet bear the weight; request it again then"
+            )
         if self.mode is not Mode.STAND:
             return self._refuse(Mode.WALK, self._to_stand)
-        return self._enter(Mode.WALK, "steps when a velocity is commanded")
+        return self._enter(Mode.WALK, "the robot steps when a velocity is commanded")
 
     def _gait_word(self, word: str) -> CommandReply:
         if not self.gait:

@@ -155,7 +155,7 @@ class GaitPlanner:
         command, soles, holds = self.state.command, self.state.soles, self.footholds
         if after is None:
             if self.walking:
-                raise CommandError("footsteps refused: they start from a standing robot, and it is walking; stop it")
+                raise CommandError("footsteps refused: the robot walks, and they start from standing; stop it first")
             stance, kept = 1 - steps[0].foot if steps else self.stance, 0
         else:
             stance, kept = self.stance, after - self.steps
@@ -381,7 +381,7 @@ class GaitPlanner:
         if put_down:
             self._stand(gait.measured)
             gait = self.state
-            gait.command = gait.command.stopped("the robot was put down", muted=True)
+            gait.command = gait.command.stopped("the robot was lowered", muted=True)
         elif gait.airborne.confirmed and gait.phase is not GaitPhase.LIFTED:
             gait.command = gait.command.stopped("the robot was lifted", muted=True)
             self._enter(GaitPhase.LIFTED)
@@ -402,7 +402,7 @@ class GaitPlanner:
             body=BodyState(float(measured.com[2]) - soles.ground()),
             airborne=self._airborne.on_floor,
             toe_off=FLAT,
-            command=CommandState(route=before.command.route.ended("the walk began anew")),
+            command=CommandState(route=before.command.route.ended("the walk started again")),
             phase=GaitPhase.STAND,
             elapsed=0.0,
             settled=0.0,

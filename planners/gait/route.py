@@ -328,7 +328,7 @@ class Route(Struct, frozen=True):
             return after
         if after.patience > 0:
             return after.planned_anew(1 - step.foot, soles, config)
-        reason = f"the feet do not land where they are put: the last one {missed:.3f} m off"
+        reason = f"the feet miss their footholds: error of the last one {missed:.3f} m"
         return structs.replace(after, steps=(), outcome=reason)
 
     def planned_anew(self, foot: int, soles: Sequence[Foothold], config: GaitConfig) -> Route:

@@ -175,7 +175,7 @@ class RemoteGait:
         report = decode(GaitReport, message)
         if report.config != self._config:
             raise MessageError(
-                "the gait of balance_controller is another one: its parameters gait.* must be those here"
+                "balance_controller has another gait: its parameters gait.* must equal those of this node"
             )
         if report.number == self._newest.number:
             self._law.state, self.walking = report.state, report.walking

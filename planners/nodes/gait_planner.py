@@ -143,7 +143,7 @@ class GaitPlannerNode(PoiseNode):
         super().__init__("gait_planner", **kwargs)
         self._stack = RemoteGait(self, self._on_report) if stack is None else stack
         self._config = declare_gait(self)
-        text = "Silence of the supervisor after which the robot stops [s]"
+        text = "Timeout of the supervisor's velocities, after which the robot stops [s]"
         timeout = declare(self, "command_timeout", 0.5, text, low=0.01, high=10.0)
         self._periods = declare_rates(self)
         self._ground_config = declare_ground(self)
@@ -203,7 +203,7 @@ class GaitPlannerNode(PoiseNode):
         """Poses of the soles of a robot that does not walk. Raises ``CommandError`` if unknown or not standing."""
         measured = self._law.state.measured
         if self._mode not in (Mode.STAND.value, Mode.MOTION.value, Mode.WALK.value):
-            raise CommandError("start: none given, and where the soles are is not known")
+            raise CommandError("start: none given, and the poses of the soles are unknown")
         if not all(measured.active):
             raise CommandError("start: none given, and the robot does not stand on both soles")
         return measured.soles

@@ -40,9 +40,9 @@ class GroundPlannerNode(PoiseNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("ground_planner", **kwargs)
-        text = "Age of the newest map, when a plan is requested, from which on there is none [s]"
+        text = "Largest age of a map at the time of a request; older maps are not used [s]"
         self._age_max = declare(self, "map_age_max", 1.0, text, low=0.05, high=60.0)
-        text = "Half the width that the robot needs beside what it walks around [m]"
+        text = "Half of the width that the robot needs on its way around obstacles [m]"
         self._clearance = declare(self, "clearance", 0.4, text, low=0.1, high=1.0)
         self._config = declare_config(self, default_config(GroundConfig, "planners", "ground").plan, "plan.")
 

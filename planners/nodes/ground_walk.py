@@ -26,7 +26,7 @@ from planners.terrain.ground_config import GroundConfig, RouteConfig, WatchConfi
 from planners.terrain.ground_route import Answer, GroundRoute, Request
 
 _AROUND = "around"  #: Name of the parameter
-_UNSEEN = "nothing is known of the ground on the way: the robot walks without a map; see terrain_mapper and its clouds"
+_UNSEEN = "the ground on the way is unknown: the robot walks without a map; check terrain_mapper and its clouds"
 
 
 class _Stage(Enum):
@@ -50,7 +50,7 @@ def declare_ground(node: PoiseNode) -> tuple[WatchConfig, RouteConfig]:
     default = default_config(GroundConfig, "planners", "ground")
     watch = declare_config(node, default.watch, "ground_walk.watch.")
     route = declare_config(node, default.route, "ground_walk.route.")
-    text = "Whether to walk to a goal around what stands on level ground, instead of stepping upon it"
+    text = "Whether to walk to a goal around obstacles on level ground, instead of stepping onto them"
     node.declare_parameter(_AROUND, False, describe(text, read_only=False))
     return watch, route
 
@@ -172,8 +172,8 @@ class GroundWalk:
         """Advance the stage, after a tick with a stamp [s]."""
         self._t, law = t, self._law
         if t - self._unanswered > self._config.answer_timeout and self._stage in _WATCHING:  # repeated every tick
-            now = "stays where it is" if self._stage is _Stage.BLOCKED else "walks without a map"
-            text = f"no answer of the ground planner for {self._config.answer_timeout:g} s: the robot {now}"
+            now = "stands" if self._stage is _Stage.BLOCKED else "walks without a map"
+            text = f"no answer from the ground planner for {self._config.answer_timeout:g} s: the robot {now}"
             self._report_ground(unmapped=text)
             if self._stage is _Stage.ASKED:
                 self._walk_blind(known=False)
@@ -193,7 +193,7 @@ class GroundWalk:
                     self._ask_around(self._goal)
             case _Stage.AROUND:
                 if t - self._asked > self._config.answer_timeout:
-                    self._finish("no way around came from the ground planner")
+                    self._finish("no way around was received from the ground planner")
             case _Stage.BLOCKED:
                 if t - self._asked > self._config.retry_period:
                     self._watch(_Stage.BLOCKED)
@@ -264,7 +264,7 @@ class GroundWalk:
     def _walk_blind(self, *, known: bool = True) -> None:
         """Walk to the next pose by a route of the gait; from beside the goal, only if the ground is ``known``."""
         if self._beside and not known:
-            self._finish(f"it stands {self._beside:.2f} m beside the goal, and the ground between is not known")
+            self._finish(f"the robot stands {self._beside:.2f} m beside the goal, and the ground between is not known")
             return
         target = self._target
         assert target is not None
@@ -292,7 +292,7 @@ class GroundWalk:
             return
         line, way = self._way_to(self._goal)
         if self._beside:
-            self._finish(f"it stands {self._beside:.2f} m beside the goal, and the ground between is not level")
+            self._finish(f"the robot stands {self._beside:.2f} m beside the goal, and the ground between is not level")
             return
         if abs(wrap(line.yaw - here.yaw)) > self._config.turn_min:
             self._walk_to(line, _Stage.STOP)

@@ -73,7 +73,7 @@ class MotionService:
             response.success, response.message = False, str(error)
             return response
         response.trajectory = trajectory_to_message(thin(trajectory, self._points_max))
-        response.success, response.message = True, f"{request.frame} gets there in {trajectory.times[-1]:.2f} s"
+        response.success, response.message = True, f"{request.frame} reaches the target in {trajectory.times[-1]:.2f} s"
         if not request.execute:
             return response
         self._publish(response.trajectory)
@@ -85,9 +85,9 @@ class MotionService:
             raise CommandError("the motion planner is not active")
         if self._mode != Mode.STAND.value:
             mode = self._mode or "unknown"
-            raise CommandError(f"no plans in mode '{mode}', only while the robot stands: poise mode stand comes first")
+            raise CommandError(f"no plans in mode '{mode}', the robot must stand: first poise mode stand")
         if self._owed is not None:
-            raise CommandError("another plan is just beginning to be executed")
+            raise CommandError("another plan is about to be executed; try again")
         frame, pose, joints = frame_named(request.frame), request.target.pose, self._posture()
         turn = np.array([getattr(pose.orientation, axis) for axis in "xyzw"])
         if not request.use_orientation and not np.array_equal(turn, (0.0, 0.0, 0.0, 1.0)):
@@ -131,11 +131,11 @@ class MotionService:
         if status.state is MotionState.RUNNING:
             self._answer("")
         elif status.state is MotionState.REFUSED and not status.request:
-            self._answer(f"the controller refuses it: {status.reason}")
+            self._answer(f"refused by the controller: {status.reason}")
 
     def _look(self) -> None:
         if self._owed is not None and time.monotonic() > self._until:
-            self._answer("the controller does not say that it follows it")
+            self._answer("the controller did not confirm the trajectory")
 
     def _answer(self, problem: str) -> None:
         if self._owed is None:
@@ -156,9 +156,9 @@ class MotionPlannerNode(PoiseNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("motion_planner", **kwargs)
         self._config = declare_config(self, default_config(MotionConfig, "planners", "motion"))
-        text = "Points of a published trajectory, whose reader has a tick to keep; a longer one is thinned"
+        text = "Maximum number of points of a published trajectory; a longer one is thinned, to limit its decoding time"
         self._points_max = declare(self, "points_max", 600, text, integer=(2, 100000))
-        text = "Folder of motion files (*.yaml) of the user, beside the packaged ones; empty: none"
+        text = "Folder of further motion files (*.yaml); empty: none"
         self._folder = declare(self, "motions_folder", "", text)
 
     def configure(self) -> None:
@@ -187,7 +187,7 @@ class MotionPlannerNode(PoiseNode):
     def _start(self) -> Vector:
         """Start posture of a plan (nj,) [rad]; ``MessageError`` before the first one is received."""
         if self._posture is None:
-            raise MessageError("no posture of the controller has arrived to start from")
+            raise MessageError("no posture of the controller was received, which plans start from")
         return self._posture
 
     def _on_request(self, message: String) -> None:

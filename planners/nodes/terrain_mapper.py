@@ -81,13 +81,13 @@ class TerrainMapperNode(PoiseNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("terrain_mapper", **kwargs)
         self._config = declare_config(self, default_config(TerrainMapConfig, "planners", "terrain_map"))
-        text = "Largest time between a cloud and the state that goes with it [s]"
+        text = "Largest time between a cloud and the state assigned to it [s]"
         self._tolerance = declare_ns(self, "state_tolerance", 0.02, text, low=0.0)
-        text = "Have lost parts of a cloud sent again; false for a sensor driver that offers best effort only"
+        text = "Reliable subscription to the clouds; false for a sensor driver that offers best effort only"
         self._reliable = declare(self, "reliable", True, text)
-        text = "YAML file of a map of the ground, used where nothing is seen; empty: none"
+        text = "YAML file of a prior map of the ground, used where the sensors measure nothing; empty: none"
         self._given = declare(self, "given_map", "", text)
-        text = "Frame in the headers of the points of the {}, which stands for that of the profile"
+        text = "Frame in the headers of the points of the {}, used as that of the profile"
         self._frames = {
             topics.DEPTH_POINTS: (declare(self, "depth_frame", DEPTH_FRAME, text.format("depth camera")), DEPTH_FRAME),
             topics.LIDAR_POINTS: (declare(self, "lidar_frame", LIDAR_FRAME, text.format("lidar")), LIDAR_FRAME),
@@ -224,7 +224,7 @@ class TerrainMapperNode(PoiseNode):
         self.message = self._missing or ("mapping" if self._clouds else "given map" if self._given else "no cloud yet")
         if self._given and not law.covered and not np.isnan(law.reference):
             self.level = DiagnosticStatus.WARN
-            self.message = "the given map does not have the ground below the robot: see its origin"
+            self.message = "the given map does not contain the ground below the robot: check its origin"
         self.values |= {
             "clouds": str(self._clouds),
             "points without a state": str(self._stateless),

@@ -121,7 +121,9 @@ class GroundRoute:
             return None
         if self._pending is not None:
             if t - self._since > self._config.plan_timeout:
-                self.end(f"no plan came for {self._config.plan_timeout:g} s: the ground planner is busy, or restarts")
+                self.end(
+                    f"no plan was received for {self._config.plan_timeout:g} s: the ground planner is busy or restarts"
+                )
             return None
         gait = self._gait
         if gait.route.left:

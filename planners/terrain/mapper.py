@@ -60,7 +60,9 @@ class TerrainMapper:
         fitted = {DEPTH_FRAME: sensors.depth, LIDAR_FRAME: sensors.lidar}
         self._sensors: dict[str, RangeSensor] = {frame: each for frame, each in fitted.items() if each is not None}
         if not self._sensors and given is None:
-            raise ConfigError(f"{robot.name}: sensors.depth, sensors.lidar: the profile has none to see the ground")
+            raise ConfigError(
+                f"{robot.name}: sensors.depth, sensors.lidar: the profile has neither, and no map is given"
+            )
         self.map, self._given = ElevationMap(self.config), given
         self._body, self._data = BodyFilter(robot, self.config.body), robot.data()
         widths = [foot.rectangle[3] - foot.rectangle[2] for foot in robot.feet]

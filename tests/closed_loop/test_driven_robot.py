@@ -23,7 +23,7 @@ def driven(g1: RobotModel) -> SimulatedDrivers:
 def test_active_drivers_are_switched_off_through_damp_only(driven: SimulatedDrivers) -> None:
     driven.set_mode(Mode.STAND)
     driven.plant.release()
-    with pytest.raises(CommandError, match="'damp' comes first"):
+    with pytest.raises(CommandError, match="request 'damp' first"):
         driven.set_mode(Mode.OFF)
     assert driven.servo.state is ServoState.ACTIVE
     assert driven.awaits_command  # still in mode stand

@@ -50,7 +50,7 @@ def test_it_takes_listed_footsteps_and_refuses_others_while_it_does(loop: Closed
     before = loop.gait.steps
     loop.gait.take_steps(steps)
     loop.run(0.3)
-    with pytest.raises(CommandError, match="it is walking"):
+    with pytest.raises(CommandError, match="the robot walks"):
         loop.gait.take_steps(steps)
     run_until_still(loop, 6.0)
     assert loop.gait.steps - before == 3

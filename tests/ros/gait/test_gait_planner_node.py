@@ -265,7 +265,7 @@ def test_plan_footsteps_answers_with_alternating_soles_or_with_nothing(robot: Co
     assert names == (["l_sole", "r_sole"] * len(names))[: len(names)]
     ends = [(pose.pose.position.x, pose.pose.position.y) for pose in planned.poses[-2:]]
     assert np.mean(ends, axis=0) == pytest.approx((2.0, 2.0), abs=0.01)
-    assert not plan(PoseStamped(), goal(1.0, 0.0, 0.0)).poses and "where the soles are is not known" in refusal()
+    assert not plan(PoseStamped(), goal(1.0, 0.0, 0.0)).poses and "the poses of the soles are unknown" in refusal()
     assert not plan(goal(0.0, 0.0, 0.0), goal(math.nan, 0.0, 0.0)).poses and "position.x is nan" in refusal()
     assert not plan(goal(0.0, 0.0, 0.0), goal(30.0, 0.0, 0.0)).poses and "30.0 m away" in refusal()
     assert not plan(goal(0.0, 0.0, 0.0), goal(1.0, 0.0, 0.0), math.nan).poses and "tolerance is nan" in refusal()
@@ -290,7 +290,7 @@ def test_timed_footsteps_start_where_the_soles_are_and_refusals_have_reasons(rob
         return future.result()
 
     answer = plan(goal(1.0, 0.0, 0.0))
-    assert not answer.success and "where the soles are is not known" in answer.message
+    assert not answer.success and "the poses of the soles are unknown" in answer.message
     lifted = standing(robot.model, 1.0, shares=(1.0, 0.0))
     robot.enter("stand")
     robot.stack.gait.step(lifted, 1e-3)

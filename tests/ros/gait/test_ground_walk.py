@@ -210,7 +210,7 @@ def test_from_beside_its_goal_it_walks_there_over_ground_that_is_known_to_be_lev
         assert robot.left and robot.routes[-1].state is RouteState.RUNNING
         return
     robot.until(lambda: robot.routes[-1].state is RouteState.ENDED)
-    assert robot.routes[-1].reason == f"it stands 0.30 m beside the goal, and the ground between is {end}"
+    assert robot.routes[-1].reason == f"the robot stands 0.30 m beside the goal, and the ground between is {end}"
 
 
 @pytest.mark.long
@@ -235,7 +235,7 @@ def test_a_ground_planner_that_falls_silent_is_reported(bench: Any, g1: RobotMod
     bench.wait(lambda: not robot.node._ground._requests.get_subscription_count())
     robot.stack.gait.state.steps += 1
     robot.until(lambda: robot.limits[-1:] != [""])
-    assert "no answer of the ground planner for 1 s: the robot walks without a map" in robot.limits[-1]
+    assert "no answer from the ground planner for 1 s: the robot walks without a map" in robot.limits[-1]
     assert robot.stack.gait.state.command.moves
 
 

@@ -141,7 +141,7 @@ def test_a_calibration_is_refused_or_given_up_with_the_reason(run: Calibrated) -
     assert "'joints' is being calibrated" in run.call("calibrate/imu").reason
     graph.send("stop")
     graph.wait_for(first.done, 30.0, "answering")
-    assert not first.result().success and "'stop' was asked for" in first.result().message
+    assert not first.result().success and "'stop' was requested meanwhile" in first.result().message
 
     assert run.call("mode/damp").accepted
     graph.wait_for(lambda: graph.driver_state == "damped", 10.0, "damped")

@@ -92,7 +92,7 @@ def target(place: Any, frame_id: str = "odom", frame: str = "left_hand", **more:
 
 def test_a_calibration_reports_its_numbers_with_units_and_keeps_nothing_unless_requested(robot: Standing) -> None:
     answer = robot.call(Calibrate, "calibrate", Calibrate.Request(what="imu", save=False))
-    assert answer.success and answer.message.endswith("not kept, as asked"), answer.message
+    assert answer.success and answer.message.endswith("not stored, as requested"), answer.message
     values = {value.name: (value.value, value.unit) for value in answer.values}
     assert values["accel_norm"] == (pytest.approx(9.81, abs=0.3), "m/s^2")
     assert abs(values["gyro_bias_x"][0]) < 0.05 and values["gyro_bias_x"][1] == "rad/s"
@@ -105,7 +105,7 @@ def test_a_calibration_reports_its_numbers_with_units_and_keeps_nothing_unless_r
 def test_the_plan_that_is_answered_brings_the_hand_there_when_it_is_published(robot: Standing) -> None:
     goal = robot.hand("l_wrist") + np.array([0.1, 0.05, 0.15])
     answer = robot.call(PlanMotion, "plan_motion", target(goal, duration=2.0))
-    assert answer.success and "left_hand gets there in 2.00 s" in answer.message, answer.message
+    assert answer.success and "left_hand reaches the target in 2.00 s" in answer.message, answer.message
     robot.eyes.motion.clear()
     robot.eyes.motions.publish(answer.trajectory)
     robot.graph.wait_for(lambda: robot.eyes.motion == ["running", "done"], 120.0, "there")

@@ -248,7 +248,7 @@ def test_one_service_calibrates_by_name_and_saves_when_requested(
 
     answer = ask("imu", save=False)
     values = {value.name: (value.value, value.unit) for value in answer.values}
-    assert answer.success and answer.message.endswith("not kept, as asked") and not list(tmp_path.glob("*.yaml*"))
+    assert answer.success and answer.message.endswith("not stored, as requested") and not list(tmp_path.glob("*.yaml*"))
     assert values["gyro_bias_x"] == (pytest.approx(0.05), "rad/s") and values["samples_unusable"][1] == ""
     answer = ask("imu")
     assert answer.success and str(tmp_path / "g1.yaml") in answer.message
@@ -256,6 +256,6 @@ def test_one_service_calibrates_by_name_and_saves_when_requested(
     assert shown["gyro_bias_x"].value == pytest.approx(0.05) and shown["left_fz"].unit == "N"
     assert "no previous calibration" in ask("rollback").message
     answer = ask("soul")
-    assert not answer.success and "known are imu, joints, feet" in answer.message
+    assert not answer.success and "known: imu, joints, feet" in answer.message
     accepted, reason = services.answer(services.ask("imu"))  # the older service answers as before
     assert accepted and "gyro_bias_x = 0.05" in reason

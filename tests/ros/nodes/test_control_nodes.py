@@ -190,14 +190,14 @@ def test_a_plan_that_comes_too_late_is_dropped(bench: Any, g1: RobotModel) -> No
     robot.ask("wave 1")
     robot.ask(topics.STOP_MOTION)
     robot.set_mode("stand")
-    assert "came too late" in robot.answer("wave 1")
+    assert "arrived too late" in robot.answer("wave 1")
     robot.set_mode("motion")
     robot.ask("wave 2")
     robot.set_mode("stand")  # the supervisor waited no longer
-    assert "came too late" in robot.answer("wave 2")
+    assert "arrived too late" in robot.answer("wave 2")
     robot.set_mode("motion")
     robot.ask("squat 3")
-    assert "came too late" in robot.answer("wave 2")
+    assert "arrived too late" in robot.answer("wave 2")
     assert not robot.node._stack.law.motion_active
     assert robot.answer("squat 3") == "running"
     assert robot.node._stack.law.motion_active

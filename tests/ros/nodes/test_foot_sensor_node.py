@@ -113,4 +113,4 @@ def test_malformed_samples_are_refused_by_name(bench: Any, g1: RobotModel) -> No
 def test_a_robot_without_foot_sensors_is_refused(bench: Any, barefoot: Path) -> None:
     node = bench.add(FootSensorNode, robot=barefoot)
     assert not node.active
-    assert "no foot sensors are fitted" in node.message
+    assert "has no foot sensors" in node.message

@@ -126,7 +126,7 @@ def test_stale_and_wrong_commands_are_refused(bench: Any, g1: RobotModel) -> Non
     assert "more than 20000000 ns" in motors.last_refusal
     assert motors.node.counters["commands too old"] == 1
     motors.command(motors.q, stamp=motors.stamp + MS)
-    assert "not yet due" in motors.last_refusal
+    assert "is in the future" in motors.last_refusal
     motors.command(motors.q)
     motors.command(motors.q)
     assert "is not after" in motors.last_refusal
@@ -189,7 +189,7 @@ def test_silent_joints_damp(bench: Any, g1: RobotModel) -> None:
 def test_a_mode_that_was_there_before_does_not_arm(bench: Any, g1: RobotModel) -> None:
     motors = Motors(bench, g1)
     deliver(motors.node, topics.MODE, String(data="stand"))
-    assert "was there before the drivers" in motors.last_refusal
+    assert "was active before the drivers started" in motors.last_refusal
     deliver(motors.node, topics.MODE, String(data="stand"))
     motors.tick()
     assert motors.node.law.servo.state.value == "off"
@@ -198,7 +198,7 @@ def test_a_mode_that_was_there_before_does_not_arm(bench: Any, g1: RobotModel) -
     motors.arm()
     assert motors.node.law.servo.state.value == "active"
     deliver(motors.node, topics.MODE, String(data="off"))
-    assert "'damp' comes first" in motors.last_refusal
+    assert "request 'damp' first" in motors.last_refusal
 
 
 def test_torques_over_the_graph_and_their_message(bench: Any, g1: RobotModel) -> None:

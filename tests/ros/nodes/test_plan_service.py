@@ -135,10 +135,10 @@ def test_a_request_to_execute_is_answered_with_the_state_of_the_motion(
     bench.wait(lambda: len(world.published) == 2, 30.0)
     world.state.publish(MotionStatus(MotionState.REFUSED, reason="start jump"))
     answer = world.answer(refused)
-    assert not answer.success and answer.message == "the controller refuses it: start jump"
+    assert not answer.success and answer.message == "refused by the controller: start jump"
     monkeypatch.setattr("planners.nodes.motion_planner.BEGIN_TIMEOUT", 0.3)
     silent = world.answer(world.ask(PLACE, execute=True))
-    assert not silent.success and "does not say" in silent.message
+    assert not silent.success and "did not confirm" in silent.message
 
 
 @pytest.mark.parametrize("speed, time", [(0.0, 0.1), (0.5, 1.1)])

@@ -139,7 +139,9 @@ def test_a_stream_from_before_a_supervisor_that_starts_beside_a_standing_robot_b
     node = bench.add(SupervisorNode, lockstep=True)
     gait = StatusTopic(bench.world, topics.GAIT_STATUS, LATCHED)
     gait.publish(GaitStatus(ready=True, settled=True))
-    bench.wait(lambda: "walks again after a zero or a pause" in str(node.values.get("last refusal", "")))
+    bench.wait(
+        lambda: "send a zero velocity, or pause, before a new velocity" in str(node.values.get("last refusal", ""))
+    )
     bench.spin(1.0)
     assert set(world.modes) == {"stand"}
     timer.cancel()
@@ -182,7 +184,7 @@ def test_a_second_publisher_and_a_planner_that_falls_silent_are_noticed(
     reports.publish(NodeStatus("motion_planner"))
     bench.spin(0.2)
     assert node._law.holds == ()
-    bench.wait(lambda: node._law.holds == ("node 'motion_planner' gives no sign of life",))
+    bench.wait(lambda: node._law.holds == ("node 'motion_planner' sends no diagnostics",))
     reports.publish(NodeStatus("motion_planner"))
     bench.wait(lambda: node._law.holds == ())
     second = bench.world.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
@@ -306,7 +308,7 @@ def test_a_monitor_of_a_real_robot_ends_a_velocity_and_a_walk_to_a_goal(
     def refused() -> bool:
         sources.plain.publish(velocity_to_twist(ahead))
         bench.spin(0.05)
-        return "walks again after a zero or a pause" in sources.refusal
+        return "send a zero velocity, or pause, before a new velocity" in sources.refusal
 
     bench.wait(refused)
     assert world.modes[-1] == "stand"

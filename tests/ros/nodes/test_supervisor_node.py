@@ -81,7 +81,7 @@ def test_a_real_robot_that_hangs_or_is_damped_is_refused_with_what_its_start_wai
         answer = f"start '{state}' waits for {waits}"
         bench.wait(lambda answer=answer: answer in world.call("mode/stand")[1])
         assert not world.call("mode/stand")[0] and world.modes[-1] == "off"
-    assert "its start decides what the drives of a real robot do" in world.call("mode/off")[1]
+    assert "the drives of a real robot follow its start" in world.call("mode/off")[1]
 
 
 def test_damping_is_published_in_every_state_of_a_real_robots_start_and_an_emergency_stop_outlives_it(

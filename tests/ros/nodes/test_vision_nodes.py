@@ -207,7 +207,7 @@ def test_a_robot_without_a_head_refuses_to_turn_it_by_name(bench: Any) -> None:
     bench.wait(lambda: publisher.get_subscription_count() == 1)
     publisher.publish(head_message(0, 0.1, 0.1))
     bench.wait(lambda: node.counters[f"refused {topics.HEAD_COMMAND}"] == 1)
-    assert "no joints 'head.pan'" in node.values["last refusal"]
+    assert "no 'head.pan'" in node.values["last refusal"]
     vision = bench.add(VisionNode, active=False, follow=True)
     assert "g1: head" in vision.message
 

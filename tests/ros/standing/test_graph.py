@@ -224,7 +224,7 @@ def test_a_motion_stopped_while_it_is_planned_does_not_start(eyes: Eyes, undistu
             eyes.graph.wait_for(lambda mode=mode: eyes.graph.mode == mode, 20.0, mode)
     finally:
         os.kill(planner, signal.SIGCONT)
-    eyes.graph.wait_for(lambda: any("came too late" in word for word in eyes.motion), 20.0, "dropped")
+    eyes.graph.wait_for(lambda: any("arrived too late" in word for word in eyes.motion), 20.0, "dropped")
     eyes.graph.spin(0.5)
     assert "running" not in eyes.motion
     np.testing.assert_array_equal(JointStateCodec(g1).decode(eyes.posture)[1], before)

@@ -180,7 +180,7 @@ def test_the_imu_logger_logs_an_upright_robot(robots: Robots, tmp_path: Path) ->
 def test_a_plan_to_a_target_is_executed(robots: Robots, tmp_path: Path) -> None:
     before = {robot: dict(robot.joints) for robot in robots}
     with robots.program("plan_client", tmp_path) as output:
-        robots.until(lambda robot: "accepted: left_hand gets there" in output(robot), "answering")
+        robots.until(lambda robot: "accepted: left_hand reaches the target" in output(robot), "answering")
         robots.until(
             lambda robot: max(abs(angle - before[robot][name]) for name, angle in robot.joints.items()) > 0.2,
             "reaching",

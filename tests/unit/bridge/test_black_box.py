@@ -201,7 +201,7 @@ def test_what_is_no_black_box_is_refused(tmp_path: Path, g1: RobotModel) -> None
     with pytest.raises(PoiseError, match="not the file of a black box"):
         BlackBoxRecord.load(path)
     np.savez(path, meta=np.array(json.dumps({"format": FORMAT + 1})))
-    with pytest.raises(PoiseError, match=f"format {FORMAT + 1}; this reads {FORMAT}"):
+    with pytest.raises(PoiseError, match=f"format {FORMAT + 1}; this version reads {FORMAT}"):
         BlackBoxRecord.load(path)
 
 

@@ -70,7 +70,7 @@ def test_packaged_scenarios_fit_the_g1(g1: RobotModel, name: str) -> None:
         ("{target: imu, kind: intermittent}", "probability: give either probability or period"),
         ("{target: imu, kind: intermittent, probability: 0.1, period: 1}", "give either probability or period"),
         ("{target: imu, kind: intermittent, probability: 2}", r"not in \(0, 1\]"),
-        ("{target: imu, kind: intermittent, probability: 0.1, share: 0.1}", "share: of what"),
+        ("{target: imu, kind: intermittent, probability: 0.1, share: 0.1}", "share: needs period"),
         ("{target: imu, kind: off", "not valid YAML"),
         ("no_such_scenario", "unknown scenario 'no_such_scenario'; known: .*dead_knee"),
         ("/nowhere/faults.yaml", "cannot be read"),

@@ -167,7 +167,7 @@ def test_soles_that_move_are_noticed(g1: RobotModel, paths: dict[str, list[Vecto
     for i, window in enumerate(moved):
         window.q[knee] += 0.03 * (i % 3)  # no constant offset explains this
     reply = calibrate_closed_chain(moved, g1, Calibration.none(g1), CONFIG).reply
-    assert not reply.accepted and "soles do not stay" in reply.reason
+    assert not reply.accepted and "soles slip" in reply.reason
 
 
 def test_the_posterior_is_honest_about_noise(g1: RobotModel, paths: dict[str, list[Vector]]) -> None:

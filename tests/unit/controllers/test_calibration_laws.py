@@ -154,7 +154,7 @@ def test_unusable_samples_are_left_out_and_counted(g1: RobotModel) -> None:
 
 def test_session_refuses_unknown_busy_and_idle(g1: RobotModel) -> None:
     session = CalibrationSession(g1)
-    assert "nothing is being calibrated" in session.finish(Calibration.none(g1)).reply.reason
+    assert "no calibration is running" in session.finish(Calibration.none(g1)).reply.reason
     assert not session.start("toes").accepted
     assert session.start("imu").accepted
     busy = session.start("feet")

@@ -92,7 +92,7 @@ def test_nothing_is_calibrated_in_any_other_situation(run: Run, situation: str) 
 
 def test_joints_are_refused_in_the_air_and_a_second_request_while_one_runs(run: Run) -> None:
     assert "both soles" in run.procedure.begin("joints", "hanging").reason
-    assert "known are imu" in run.procedure.begin("nose", "hanging").reason
+    assert "known: imu" in run.procedure.begin("nose", "hanging").reason
     assert run.procedure.begin("imu", "hanging").accepted
     reply = run.procedure.begin("feet", "hanging")
     assert not reply.accepted and "'imu' is being calibrated" in reply.reason
@@ -123,13 +123,13 @@ def test_a_motion_that_is_refused_stopped_or_overtaken_gives_up(run: Run) -> Non
 
     run.asks("joints")
     refused = MotionState.REFUSED
-    procedure.on_motion(MotionStatus(refused, "squat 6", "'squat 6' came too late"))  # of an earlier request
+    procedure.on_motion(MotionStatus(refused, "squat 6", "'squat 6' arrived too late"))  # of an earlier request
     assert not procedure.problem
     procedure.on_motion(MotionStatus(refused, "calibrate_joints 7", "key pose 'low' is out of reach"))
     assert "was refused: key pose 'low'" in again()
     run.asks("joints")
     procedure.on_request("wave 3")
-    assert "'wave' was asked for" in again()
+    assert "'wave' was requested meanwhile" in again()
     run.asks("joints")
     procedure.on_situation("motion")
     procedure.on_request("calibrate_joints 4")
@@ -138,7 +138,7 @@ def test_a_motion_that_is_refused_stopped_or_overtaken_gives_up(run: Run) -> Non
     run.moves("joints")
     procedure.on_request("stop")
     procedure.on_motion(MotionStatus(MotionState.ENDED, reason="stopped"))
-    assert "'stop' was asked for" in again()
+    assert "'stop' was requested meanwhile" in again()
     run.moves("joints")
     procedure.on_motion(MotionStatus(MotionState.ENDED, reason="the controller was deactivated"))
     assert "the motion 'calibrate_joints' ended: the controller was deactivated" in again()
@@ -148,7 +148,7 @@ def test_a_motion_that_is_refused_stopped_or_overtaken_gives_up(run: Run) -> Non
     run.moves("joints")
     procedure.on_situation("stand")
     procedure.on_request("stop")  # the mode was faster
-    assert "'stop' was asked for" in again()
+    assert "'stop' was requested meanwhile" in again()
 
 
 def test_silence_and_motions_that_never_begin_or_end_give_up(run: Run) -> None:

@@ -153,7 +153,7 @@ def test_what_is_no_angle_and_what_is_no_head_is_refused_by_name(talos: RobotMod
         Head(talos).command(0.0, float("nan"))
     with pytest.raises(ConfigError, match="g1: head: the profile names no joints"):
         Head(g1)
-    with pytest.raises(CommandError, match=r"no joints 'head\.pan' and 'head\.tilt'"):
+    with pytest.raises(CommandError, match=r"no 'head\.pan' and 'head\.tilt'"):
         ControlStack(g1).look(0.0, 0.0)
     with pytest.raises(ValueError, match="same joint"):
         HeadJoints("head_1_joint", "head_1_joint")

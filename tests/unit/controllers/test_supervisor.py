@@ -268,11 +268,11 @@ def test_a_hold_ends_with_its_cause(walker: Supervisor) -> None:
     assert walker.text("walk").accepted
     walker.update(replace(SILENT, gait_active=True), 1.0)
     assert walker.mode is Mode.WALK and walker.still and walker.take_velocity() == (0.0, 0.0, 0.0)
-    assert "node 'motion_planner' gives no sign of life" in walker.text("wave").reason
+    assert "node 'motion_planner' sends no diagnostics" in walker.text("wave").reason
     assert not walker.text("forward").accepted and walker.drive(True, fresh=False).accepted
     assert walker.update(SILENT, 1.02) is Mode.STAND
     walker.update(WELL, 1.05)
-    assert "walks again after a zero or a pause" in walker.drive(True, fresh=False).reason
+    assert "send a zero velocity, or pause, before a new velocity" in walker.drive(True, fresh=False).reason
     assert not walker.still
     assert walker.text("wave").accepted
     assert not walker.faults
@@ -358,7 +358,7 @@ def test_a_velocity_that_goes_on_after_a_stop_begins_no_walk(walker: Supervisor,
         walker.set_preflight(())
         assert walker.request(Mode.STAND).accepted
     reply = walker.drive(True, fresh=False)
-    assert not reply.accepted and "walks again after a zero or a pause" in reply.reason
+    assert not reply.accepted and "send a zero velocity, or pause, before a new velocity" in reply.reason
     assert walker.mode is Mode.STAND
     assert walker.drive(True, fresh=True).accepted and walker.mode is Mode.WALK
 
@@ -371,7 +371,10 @@ def test_only_its_own_zero_or_pause_lets_a_velocity_walk_again(walker: Superviso
     assert walker.still and walker.update(WELL, 1.0) is Mode.STAND
     assert not walker.drive(True, fresh=False, source="plain").accepted
     assert walker.drive(True, fresh=False, source="autonomy").accepted and walker.mode is Mode.WALK
-    assert "walks again after a zero or a pause" in walker.drive(True, fresh=False, source="plain").reason
+    assert (
+        "send a zero velocity, or pause, before a new velocity"
+        in walker.drive(True, fresh=False, source="plain").reason
+    )
     walker.rest()
     assert walker.update(WELL, 1.02) is Mode.STAND and walker.barred("plain", fresh=False)
     assert walker.drive(True, fresh=True, source="plain").accepted

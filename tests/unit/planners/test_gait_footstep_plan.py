@@ -156,7 +156,7 @@ def test_a_goal_is_given_up_when_every_foot_lands_off_its_place() -> None:
         soles[route.foot] = Foothold(hold.x - 0.05, hold.y, hold.yaw)
         route = route.landed(soles, GAIT)
     assert route.left == 0
-    assert route.outcome == "the feet do not land where they are put: the last one 0.050 m off"
+    assert route.outcome == "the feet miss their footholds: error of the last one 0.050 m"
 
 
 def test_a_refused_list_leaves_the_route_as_it_was(g1: RobotModel) -> None:

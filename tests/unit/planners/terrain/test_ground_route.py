@@ -207,4 +207,4 @@ def test_the_walk_ends_with_the_reason_of_the_last_plan_and_where_no_plan_comes(
     walked.wait()
     with pytest.raises(AssertionError):
         walked.wait(6.0)
-    assert walked.route.outcome.startswith("no plan came for 5 s")
+    assert walked.route.outcome.startswith("no plan was received for 5 s")
