@@ -137,7 +137,7 @@ def planted_target(
     planted = pin.XYZQUATToSE3(q[:7])
     if frame_id == ODOM:
         if base is None:
-            raise CommandError(f"target: the pose of the robot in '{ODOM}' is not known: no odometry has arrived")
+            raise CommandError(f"target: the pose of the robot in '{ODOM}' is not known: no odometry was received")
         return planted * pin.XYZQUATToSE3(base).inverse() * target
     if frame_id == FOOTPRINT:
         origins = [sole.translation for sole in soles]

@@ -75,7 +75,7 @@ def check_path(
         slip, turn = float(np.linalg.norm(change.translation)), float(np.linalg.norm(pin.log3(change.rotation)))
         if slip > config.balance.sole_drift or turn > config.balance.sole_turn:
             raise UnreachableError(
-                f"after {time:.2f} s the soles would move against each other by {slip:.4f} m and {turn:.4f} rad: no "
+                f"after {time:.2f} s the relative motion of the soles would be {slip:.4f} m and {turn:.4f} rad: no "
                 "leg posture within the joint limits keeps both planted"
             )
         if (tilt := tilt_of(q)) > bounds.base_tilt + _ROUNDING:
@@ -297,8 +297,8 @@ class MotionPlanner:
         for frame in sorted({frame for pose in motion.key_poses for frame in pose.frames} & set(SIDES)):
             if frame not in self._arms:
                 raise UnreachableError(
-                    f"{motion.name} moves {frame}, and {self._model.name} has no arm there: no joint moves it "
-                    "against the torso"
+                    f"{motion.name} moves {frame}, and {self._model.name} has no such arm: no joint moves it "
+                    "relative to the torso"
                 )
 
     def _goal(self, name: str, pose: KeyPose, stance: Stance, given: Mapping[str, Vector], size: float) -> PoseGoal:

@@ -111,7 +111,7 @@ class OnnxPolicy:
             raise ConfigError(f"{self._file}: joints: {error}") from error
         data, frames = model.data(), [model.pin.frames[model.frame_id(name)] for name in ("base_link", "imu")]
         if frames[0].parentJoint != frames[1].parentJoint:
-            raise ConfigError(f"{self._file}: the IMU of {model.name} is not on its base, whose motion is observed")
+            raise ConfigError(f"{self._file}: the policy observes the base, but the IMU of {model.name} is not on it")
         pin.framesForwardKinematics(model.pin, data, model.standing_configuration())
         base, imu = (data.oMf[model.frame_id(name)].rotation for name in ("base_link", "imu"))
         zero = np.zeros(model.nj)

@@ -181,7 +181,7 @@ def draw_estimator(reports: Reports) -> Figure | None:
         axes.plot([], [], label="bound", **BOUND)
         axes.set_ylim(0.0, 1.08 * axes.dataLim.y1)
     panels[0].legend(fontsize=8, loc="upper left")
-    figure.suptitle(f"Error of the state estimate, by what the robot does: {', '.join(robots)}", fontsize=11)
+    figure.suptitle(f"Error of the state estimate, by task of the robot: {', '.join(robots)}", fontsize=11)
     return figure
 
 

@@ -250,7 +250,7 @@ class GroundWalk:
             return
         if self._stage is not _Stage.BLOCKED and self._goal is None:
             side = "ahead" if ahead else "behind" if abs(y) < -x else "to the left" if y > 0.0 else "to the right"
-            why = "looking for footsteps" if ahead else "steps up and down are planned ahead only"
+            why = "searching for footsteps" if ahead else "steps up and down are planned ahead only"
             self._report_ground(blocked=f"the ground {side} is not level; {why}")
         self._stage = _Stage.STOP
         self._stack.hold_velocity(*STILL)

@@ -107,7 +107,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
             )
         if (version := self._link.version()) not in ("", given.switcher_version):
             found.append(
-                f"motion switcher {version} is another than {given.switcher_version}: see what releases "
+                f"motion switcher {version} is not version {given.switcher_version}: check how it releases "
                 f"its controller, then set hardware.switcher_version of the profile"
             )
         return found
@@ -116,7 +116,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         if self.tried:
             return []
         buttons = " or ".join(self._hardware.stop_buttons)
-        return [f"the stop button of the remote controller, {buttons}: press it, to see that it is received"]
+        return [f"the stop button of the remote controller, {buttons}: press it, to check that it is received"]
 
     @property
     def remote_age(self) -> float | None:
@@ -127,7 +127,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         """As ``LowLevelPlant``, and a warning for an unchanged remote controller, which may be out of range."""
         limit = real_robot().remote_unchanged
         quiet = self._remote and self.tried and self._unchanged > limit
-        own = (f"remote controller unchanged for more than {limit:g} s: see that it is on and in range",)
+        own = (f"remote controller unchanged for more than {limit:g} s: check that it is on and in range",)
         return (*super().warnings, *own * quiet)
 
     @property

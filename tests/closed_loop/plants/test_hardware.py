@@ -97,7 +97,7 @@ def test_the_stop_button_must_have_been_seen_to_work(loop: HardwareLoop, monkeyp
     loop.side.press()
     loop.reach(StartState.GANTRY)
     assert not loop.link.sent
-    assert loop.plant.warnings == ("remote controller unchanged for more than 0.5 s: see that it is on and in range",)
+    assert loop.plant.warnings == ("remote controller unchanged for more than 0.5 s: check that it is on and in range",)
     loop.side.remote[4] = 1  # a stick
     loop.run(0.1)
     assert not loop.plant.warnings

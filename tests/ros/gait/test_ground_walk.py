@@ -289,7 +289,7 @@ def test_a_velocity_towards_a_wall_stops_with_the_reason_until_it_ends(bench: An
     assert not robot.stack.gait.state.command.moves
     robot.stack.gait.reset(robot.state)  # it has stopped
     robot.until(lambda: [request for request in robot.requests if not request.watch])
-    assert robot.limits[-1] == "stopped: the ground ahead is not level; looking for footsteps"
+    assert robot.limits[-1] == "stopped: the ground ahead is not level; searching for footsteps"
     robot.send(Answer(robot.requests[-1].number, (), WALL))
     robot.until(lambda: robot.limits and robot.limits[-1] == f"stopped: {WALL}")
     robot.drive(0.25, 0.1)  # as a stick that is held does

@@ -46,7 +46,7 @@ def test_one_place_is_the_same_target_in_every_frame(g1: RobotModel, joints: Vec
 @pytest.mark.parametrize(
     ("frame", "place", "turn", "message"),
     [
-        ("odom", (0.0, 0.0, 0.0), LEVEL, "no odometry has arrived"),
+        ("odom", (0.0, 0.0, 0.0), LEVEL, "no odometry was received"),
         ("map", (0.0, 0.0, 0.0), LEVEL, "unknown frame 'map'; known: odom, base_footprint, base_link"),
         ("", (0.0, 0.0, 0.0), LEVEL, "unknown frame ''"),
         ("base_link", (0.0, np.nan, 0.0), LEVEL, "target.pose.position: nan"),

@@ -62,7 +62,7 @@ def test_without_arms_a_wave_is_refused_and_the_rest_is_not(build: Build) -> Non
     model = build(Humanoid(arms=(), head=False))
     planner, stand = MotionPlanner(model), model.posture("stand")
     for motion in ("wave", "reach"):
-        with pytest.raises(UnreachableError, match=f"{motion} moves r_wrist, and humanoid has no arm there"):
+        with pytest.raises(UnreachableError, match=f"{motion} moves r_wrist, and humanoid has no such arm"):
             planner.plan(motion, stand)
     assert planner.plan_sized("squat", stand)[1] == 1.0 and planner.plan_sized("bow", stand)[1] == 1.0
 
