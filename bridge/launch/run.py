@@ -105,9 +105,8 @@ def run_until_signal(
         raise _Interrupted
 
     def on_suspend(number: int, frame: Any) -> None:
-        os.write(
-            2, b"not suspended, because the robot would continue to move; Ctrl-C ends this\n"
-        )  # say() may be interrupted itself
+        # say() may be interrupted itself
+        os.write(2, b"not suspended, because the robot would continue to move; Ctrl-C ends this\n")
 
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     previous[signal.SIGTSTP] = signal.signal(signal.SIGTSTP, on_suspend)

@@ -64,9 +64,7 @@ class Fault:
         if self.kind not in PARAMETERS:
             raise ConfigError(f"fault of {self.target}: unknown kind '{self.kind}'; known: {', '.join(PARAMETERS)}")
         if self.target == "stamps" and self.kind not in STAMP_KINDS:
-            raise ConfigError(
-                f"fault of stamps: kind '{self.kind}' is not possible for stamps; known: {', '.join(STAMP_KINDS)}"
-            )
+            raise ConfigError(f"fault of stamps: kind '{self.kind}' is not possible; known: {', '.join(STAMP_KINDS)}")
         own = PARAMETERS[self.kind]
         for name in [field.name for field in fields(self)][2:]:
             given = getattr(self, name)

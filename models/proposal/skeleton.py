@@ -318,9 +318,7 @@ def _gaze(robot: ET.Element, skeleton: Skeleton, torso: int, height: float, find
     link = max(tops, key=lambda name: tops[name])
     place = skeleton.place(link)
     top = max(tops[link], height)
-    findings.append(
-        Finding("note", f"link '{link}'", "no link has head or camera in its name", "gaze placed on top of it")
-    )
+    findings.append(Finding("note", f"link '{link}'", "no link is called head or camera", "gaze placed on top of it"))
     lift = place.actInv(np.array([place.translation[0], 0.0, top]))
     return level(skeleton, link, (round(float(lift[0]), 4), round(float(lift[1]), 4), round(float(lift[2]), 4)))
 
@@ -337,7 +335,7 @@ def _imu(skeleton: Skeleton, torso: int, leg: float, findings: list[Finding]) ->
         text = f"an IMU {1e3 * away:.0f} mm from the base: joint noise times this distance is velocity noise"
         findings.append(Finding("note", f"link '{link}'", text, f"placed in link '{base}' instead"))
         return level(skeleton, base)
-    findings.append(Finding("note", f"link '{base}'", "no link has imu in its name", "the IMU is placed here"))
+    findings.append(Finding("note", f"link '{base}'", "no link is called imu", "the IMU is placed here"))
     return level(skeleton, base)
 
 

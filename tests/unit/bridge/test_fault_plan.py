@@ -64,7 +64,7 @@ def test_packaged_scenarios_fit_the_g1(g1: RobotModel, name: str) -> None:
         ("{target: imu, kind: wrong, scale: .inf}", "scale: inf is not finite"),
         ("{target: imu, kind: wrong, offset: many}", "offset: 'many' is not a number"),
         ("{target: motors, kind: wrong, value: .nan}", "value: nan is not finite"),
-        ("{target: stamps, kind: off}", "is not possible for stamps; known: stuck, wrong, delayed"),
+        ("{target: stamps, kind: off}", "is not possible; known: stuck, wrong, delayed"),
         ("{target: stamps, kind: wrong, value: .inf}", "value: inf is not finite"),
         ("{target: imu, kind: garbage, scale: -1}", "negative"),
         ("{target: imu, kind: intermittent}", "probability: give either probability or period"),
