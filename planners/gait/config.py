@@ -135,8 +135,6 @@ class SwingConfig:
     edge: Positive  #: Least distance of the sole on a known foothold from an edge that it passes [m]
     edge_clearance: Positive  #: Clearance of the sole over such an edge, since the toe hangs down in the ascent [m]
     lift_acceleration: Positive  #: Largest vertical acceleration of a nominal swing to a known height [m/s^2]
-    rise_step: NonNegative  #: Largest change of the expected landing height at a touchdown [m]
-    rise_max: NonNegative  #: Largest expected landing height over the plane of the stance sole [m]
     drift_share: Share  #: Share of the error of a known landing height that is attributed to drift of the estimate [-]
     tilt_time: Positive  #: Time constant of the rotation of the sole to the slope expected at landing [s]
     trip_lag: Positive  #: Least distance of a foot that tripped from its reference [m]

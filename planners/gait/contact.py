@@ -47,7 +47,6 @@ class SoleState(Struct, frozen=True):
     holds: Feet  # planned pose of each sole, or the target of the swing foot
     tilts: Matrix  # slope of the ground under each planted sole: rise along x and along y of W (2, 2) [-]
     slope: Vector  # expected at the next landing (2,) [-]
-    rise: tuple[float, float]  # expected landing height of each foot above the plane of the stance sole [m]
     samples: Matrix  # slopes of the last soles in single support, oldest first (n, 2) [-]
     measured: Feet  # soles of the last tick
     levels: Point = (0.0, 0.0)  # known ground height under each foot [m]; on unknown ground, that of the stance foot
@@ -130,16 +129,14 @@ class Soles:
         """State with both feet planted at their measured places."""
         slope = measured.tilts.mean(axis=0)
         samples = np.tile(slope, (self._config.ground.slope_steps, 1))
-        return SoleState(measured.soles, measured.tilts, slope, (0.0, 0.0), samples, measured.soles)
+        return SoleState(measured.soles, measured.tilts, slope, samples, measured.soles)
 
     def landing_height(self, soles: SoleState, foot: int, measured: Measurement) -> float:
         """Expected landing height of a foot on its foothold [m].
 
-        It is the plane of the expected slope through the stance sole (or the known ground) plus the offset learned from
-        the last landings: errors of the estimated inclination and of encoder offsets make a foot land early or late by
-        the same amount at every step.
+        It is on the plane of the expected slope through the stance sole, or on the known ground.
         """
-        return _ground(soles, foot, soles.holds[foot], measured) + soles.rise[foot]
+        return _ground(soles, foot, soles.holds[foot], measured)
 
     def expected_slope(self, soles: SoleState) -> Vector:
         """Slope of the ground at the landing of the foot in the air (2,) [-]."""
@@ -149,7 +146,6 @@ class Soles:
     def landed(self, soles: SoleState, foot: int, measured: Measurement, *, flat: bool = True) -> SoleState:
         """State after the touchdown of a foot, at its measured place.
 
-        The expected height changes by a bounded step: a repeated error accumulates, a single bump has little effect.
         The share ``drift_share`` of the error of a known height is attributed to drift of the estimate, which shifts
         all following heights; the rest is an error of this foothold only. If all of it were drift, the error would
         return with every plan that has heights in W and begins after footsteps of the last plan. The expected slope is
@@ -158,9 +154,6 @@ class Soles:
         """
         config, ground, sole = self._config.swing, self._config.ground, measured.soles[foot]
         error = sole.z - _ground(soles, foot, sole, measured)
-        surprise = error - soles.rise[foot]
-        followed = soles.rise[foot] + min(max(surprise, -config.rise_step), config.rise_step)
-        rise = min(max(followed, -config.rise_max), config.rise_max)
         level = soles.landing_level(foot)
         if soles.landing is not None and soles.landing.tread is not None:
             level += (1.0 - config.drift_share) * error
@@ -171,10 +164,9 @@ class Soles:
             holds=replaced(soles.holds, foot, sole),
             tilts=tilts,
             slope=self._expected_slope(samples),
-            rise=replaced(soles.rise, foot, rise),
             samples=samples,
             measured=soles.measured,
-            roughness=self._rougher(soles.roughness * (1.0 - 1.0 / ground.rough_steps), abs(surprise) - ground.even),
+            roughness=self._rougher(soles.roughness * (1.0 - 1.0 / ground.rough_steps), abs(error) - ground.even),
             levels=replaced(soles.levels, foot, level),
         )
 

@@ -73,11 +73,7 @@ def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitCon
         ),
         velocity=_times(config.velocity, time, "forward", "backward", "lateral"),
         swing=_times(
-            _times(config.swing, length, "rise_max", "edge_clearance"),
-            time,
-            "speed_max",
-            "late_velocity",
-            "trip_landing",
+            _times(config.swing, length, "edge_clearance"), time, "speed_max", "late_velocity", "trip_landing"
         ),
         route=_times(config.route, time, "forward", "lateral"),
     )
