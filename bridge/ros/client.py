@@ -242,7 +242,8 @@ class Client:
         if found := motions():
             return CommandReply(found[0].state is not MotionState.REFUSED, f"{text[:32]}: {found[0]}")
         if not answered() or status is None:
-            return CommandReply(True, "sent; no answer yet")
+            unanswered = f"no answer of the supervisor within {timeout:g} s; 'poise status' shows whether a robot runs"
+            return CommandReply(False, unanswered)
         ends = text.strip().lower() in (STOP, Mode.STAND.value)
         if ends or not self.wait(lambda: self._walks and bool(self.remarks), LIMITING):
             return CommandReply(True, status.answer)

@@ -151,7 +151,7 @@ def test_a_calibration_is_given_up_when_its_solver_does_not_start(
     services.hang()
     accepted, text = services.answer(services.ask("imu"))
     assert not accepted
-    assert "does not start: No space left on device" in text
+    assert "cannot be started: No space left on device" in text
     assert services.calibration._what == ""
 
 
