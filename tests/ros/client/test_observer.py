@@ -31,7 +31,9 @@ def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> Non
     odom_codec, joint_codec = OdometryCodec(), JointStateCodec(g1)
     foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
     observer = Observer(g1, context)
-    with pytest.raises(PoiseError, match="no messages on ground_truth/odom, joint_states, foot/left/wrench, foot/right/wrench"):
+    with pytest.raises(
+        PoiseError, match="no messages on ground_truth/odom, joint_states, foot/left/wrench, foot/right/wrench"
+    ):
         observer.recording([])
     q = g1.standing_configuration()
     try:
