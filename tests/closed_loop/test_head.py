@@ -51,7 +51,7 @@ def test_talos_turns_its_head_standing_waving_and_walking(talos: RobotModel, tmp
 
 def test_a_robot_whose_head_is_fixed_refuses(g1: RobotModel) -> None:
     loop = ClosedLoop(g1, record=False)
-    with pytest.raises(CommandError, match="no head"):
+    with pytest.raises(CommandError, match="no movable head"):
         loop.look(0.1, 0.1)
     loop.apply_push((600.0, 0.0, 0.0), 0.2, "torso")
     loop.run(1.5)

@@ -251,7 +251,7 @@ def test_words_velocities_and_pushes_reach_the_robot(client: Client, bench: Benc
     count = len(twists)
     operator.drive(None)  # silent now: others are in command again
     bench.spin(0.2)
-    assert len(twists) == count and reported == ["said wave", "pushed with 50 N"]
+    assert len(twists) == count and reported == ["sent wave", "pushed with 50 N"]
 
 
 def test_the_answer_of_a_service_is_reported(client: Client, bench: Bench) -> None:

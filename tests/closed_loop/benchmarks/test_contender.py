@@ -103,7 +103,7 @@ def test_speed_and_terrain_tests_run_with_a_contender() -> None:
         ("no.such.module:Class", "no.such"),
         ("benchmarks.stability.stand_still:Runner", "Runner"),
         ("benchmarks.stability.stand_still", "module:Class"),
-        ("models.errors:PoiseError", "lacks torque_controlled, reset, set_velocity, step"),
+        ("models.errors:PoiseError", "has no torque_controlled, reset, set_velocity, step"),
     ],
 )
 def test_what_is_no_contender_is_refused_by_name(name: str, reason: str) -> None:

@@ -29,7 +29,7 @@ def test_nothing_is_said_of_a_machine_that_is_well_set_up() -> None:
     [
         ({"fifo": False}, "SCHED_FIFO"),
         ({"locked": False}, "memlock"),
-        ({"cores": 1}, "1 core"),
+        ({"cores": 1}, "cores: 1"),
         ({"governor": "powersave"}, "'powersave'"),
         ({"isolated": ""}, "isolcpus"),
         ({"realtime_kernel": False}, "PREEMPT_RT"),

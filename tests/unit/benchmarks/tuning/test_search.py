@@ -305,8 +305,8 @@ def test_an_unknown_search_is_answered_with_the_known_ones() -> None:
     [
         ("gait.swing.frozen", (0.0, 1.0), "gait.swing.frozen: unknown 'frozen'; known: apex, "),
         ("walking.speed", (0.0, 1.0), "walking.speed: unknown 'walking'; known: gait, balance, whole_body"),
-        ("gait.preview", (1.0, 8.0), "gait.preview: int found"),
-        ("gait.swing", (0.0, 1.0), "gait.swing: SwingConfig found"),
+        ("gait.preview", (1.0, 8.0), "gait.preview: expected a floating-point parameter, found int"),
+        ("gait.swing", (0.0, 1.0), "gait.swing: expected a floating-point parameter, found SwingConfig"),
         ("gait.step_share.more", (0.0, 1.0), "unknown 'more'; known: nothing"),
         ("gait.step_share", (0.1, 0.2), r"gait.step_share: 0.9 of g1 is outside \[0.1, 0.2\]"),
     ],

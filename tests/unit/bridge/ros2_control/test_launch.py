@@ -61,7 +61,7 @@ def test_the_end_may_be_an_option_of_the_plant_or_of_poise_up() -> None:
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (("g1", "lo", 7, None, ""), "ROS domain 7 is the robot's"),
+        (("g1", "lo", 7, None, ""), "ROS domain 7 is that of the robot"),
         (("g1", "no0", 0, None, ""), "no interface 'no0'"),
         (("g1", "lo", 0, None, "{comand: pvt}"), "comand"),
         (("g1", "lo", 0, 500, "{rate: 1000.0}"), "--robot-rate 500.0 contradicts 'rate: 1000.0'"),

@@ -220,7 +220,7 @@ def test_interfaces_and_domains_are_refused_by_name() -> None:
     assert interface_address("lo") == "127.0.0.1"
     with pytest.raises(ConfigError, match=r"no interface 'eth77'; known: .*lo"):
         interface_address("eth77")
-    with pytest.raises(ConfigError, match="ROS domain 3 is the robot's"):
+    with pytest.raises(ConfigError, match="ROS domain 3 is that of the robot"):
         RobotNetwork("lo", 3).check(3)
 
 
