@@ -18,7 +18,7 @@ from models.nodes import topics
 from models.nodes.cdr import stamp_of
 from models.nodes.messages import JointCommandCodec, clock_message, decode, doubles
 from models.nodes.perception import scan_from_message
-from models.nodes.qos import COMMAND, LATCHED, SENSOR
+from models.nodes.qos import COMMAND, LATCHED, SENSOR, STATE
 from models.robot_model import RobotModel
 from models.scan import Scan
 from models.types import JointCommand
@@ -314,6 +314,27 @@ def test_simulated_time_waits_for_a_supervisor_that_lags(
     for node.tick in range(101, 111):
         node.publish_tick(0.0)
     assert node.behind  # for the commands
+
+
+def test_simulated_time_waits_for_the_supervisor_in_the_held_start_too(bench: Any) -> None:
+    """So an estimator that lags loses no samples. States from before a restart do not count."""
+    node: RobotDriver = bench.add(RobotDriver, yield_supervisor=0.06)
+    publisher = bench.world.create_publisher(Clock, topics.SUPERVISOR_TIME, STATE)
+    bench.wait(publisher.get_subscription_count)
+    for node.tick in range(1, 101):
+        node.publish_tick(0.0)
+    assert node.drivers.state == topics.HELD and not node.behind
+    publisher.publish(clock_message(30_000_000))
+    bench.wait(lambda: node.behind)
+    node.restart()
+    assert not node.behind
+    publisher.publish(clock_message(30_000_000))
+    bench.spin(0.2)
+    assert node.commands.judged == 0 and not node.behind
+    for node.tick in range(101, 201):
+        node.publish_tick(0.0)
+    publisher.publish(clock_message(110_000_000))
+    bench.wait(lambda: node.behind)
 
 
 def test_simulated_time_waits_for_simulated_range_sensors(
