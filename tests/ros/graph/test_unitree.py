@@ -37,18 +37,18 @@ def needs_types() -> None:
 
 
 def test_unitrees_sdk_behind_a_cable(tmp_path: Path) -> None:
-    """The script of ``poise bench sim2sim --mode sdk``: stand, wave, pushes, walk and stop.
+    """The whole script of ``poise bench sim2sim --mode sdk``: stand, wave, pushes, walk and stop.
 
     At half speed, where the robot's time waits for late commands: a host that holds a core for 40 ms stops the graph at
-    full speed, which is for the benchmark. The robot stands for 20 s instead of a minute. ``POISE_UNITREE_STAND`` and
-    ``_WALK`` change the times [s], ``_SPEED`` the robot's speed.
+    full speed, which is for the benchmark. ``POISE_UNITREE_STAND`` and ``_WALK`` change the times [s], ``_SPEED`` the
+    robot's speed.
     """
     needs_types()
     run = sim2sim_sdk.run_of("g1", 0, "sdk")
     script = run["script"]
     stand, walk, run["speed"] = (
         float(os.environ.get(f"POISE_UNITREE_{name}", value))
-        for name, value in (("STAND", 20.0), ("WALK", script["walk_time"]), ("SPEED", 0.5))
+        for name, value in (("STAND", script["stand_time"]), ("WALK", script["walk_time"]), ("SPEED", 0.5))
     )
     run["script"] = script | {"stand_time": stand, "walk_time": walk}
     try:
