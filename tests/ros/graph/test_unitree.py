@@ -39,9 +39,9 @@ def needs_types() -> None:
 def test_unitrees_sdk_behind_a_cable(tmp_path: Path) -> None:
     """The whole script of ``poise bench sim2sim --mode sdk``: stand, wave, pushes, walk and stop.
 
-    At 0.3 of real time, where the robot's time waits for late commands: a host that holds a core for 40 ms stops the graph at
-    full speed, which is for the benchmark. ``POISE_UNITREE_STAND`` and ``_WALK`` change the times [s], ``_SPEED`` the
-    robot's speed.
+    At 0.3 of real time, where the robot's time waits for late commands: a host that holds a core for 40 ms stops the
+    graph at full speed, which is for the benchmark. ``POISE_UNITREE_STAND`` and ``_WALK`` change the times [s],
+    ``_SPEED`` the robot's speed.
     """
     needs_types()
     run = sim2sim_sdk.run_of("g1", 0, "sdk")
