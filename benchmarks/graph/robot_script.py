@@ -123,7 +123,8 @@ def run(given: Run, folder: Path) -> Measured:
             session: Session = HardwareSession(
                 "sdk", folder, given.robot, given.rate, given.speed, given.seed, json.dumps(given.deviation),
                 graph_domain=GRAPH_DOMAIN, interface="cable0", robot_interface="cable1", robot=given.robot,
-                rate=given.rate, plant_options="{remote: false}", command=stack.enter_context(two_machines()),
+                rate=given.rate, plant_options=f"{{remote: false, speed: {given.speed}}}",
+                command=stack.enter_context(two_machines()),
             )  # fmt: skip
         else:
             session = SimulatedSession(

@@ -64,11 +64,14 @@ def hardware_options(
         rate_of_states = read_booster_config(given).rate
     else:
         rate_of_states = given["rate"]
+    rates = {name: {"sensor_rate": float(rate_of_states)} for name in RATED_NODES}
+    if isinstance(speed := given.get("speed"), float) and 0.0 < speed < 1.0:  # other values: the plant's error
+        rates["balance_controller"]["time_budget"] = 1.0 / (rate_of_states * speed)
     network = RobotNetwork(interface, domain, plant, _yaml(given))
     network.check()
     options = {
         "plant_options": _yaml({"network_interface": interface, "domain": domain, **given}),
-        "rates": {name: {"sensor_rate": float(rate_of_states)} for name in RATED_NODES},
+        "rates": rates,
         "robot_network": network,
         "ending": ending,
     }

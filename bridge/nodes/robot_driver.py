@@ -96,7 +96,7 @@ class RobotDriver(PoiseNode):
             self.drivers = HardwareDrivers(plant, self.model)
         else:
             self.drivers = Drivers(plant, self.model)
-        self.period = plant.period / (1.0 if simulated is None else config.speed)
+        self.period = plant.period / (plant.speed if isinstance(plant, HardwarePlant) else config.speed)
         self._period_ns = round(plant.period * NANOSECONDS)
         self._sensor_ticks = _ticks_between(config.sensor_rate, plant.period) if config.sensor_rate else 1
         self.slow_ticks = max(round(1.0 / (config.slow_rate * plant.period)), 1)

@@ -70,6 +70,11 @@ class HardwarePlant(Plant, Protocol):
         """Whether this or a crashed driver has commanded the robot since ``hand_over``, or the guard is armed."""
 
     @property
+    def speed(self) -> float:
+        """Speed of the robot's time over real time; below 1 only for a simulated robot."""
+        return 1.0
+
+    @property
     def arrived(self) -> bool:
         """Whether a new sample has arrived since the last ``read``; does not block."""
 

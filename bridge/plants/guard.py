@@ -15,13 +15,14 @@ class SilenceGuard:
 
     When the driver is silent, the torque of its last command fades into damping, as at the end of the driver. The guard
     has no effect before the first command of the driver with the same ``session``; other commands are foreign.
-    ``active`` is whether the guard commands the robot, ``interventions`` counts how often it began to.
+    ``active`` is whether the guard commands the robot, ``interventions`` counts how often it began to. ``speed`` is
+    that of ``HardwarePlant``.
     """
 
-    def __init__(self, model: RobotModel) -> None:
+    def __init__(self, model: RobotModel, speed: float = 1.0) -> None:
         self._model = model
         config = real_robot()
-        self._silence_max, self._beat_period = config.silence_max, config.beat_period
+        self._silence_max, self._beat_period = config.silence_max / speed, config.beat_period
         self._beat_at = -np.inf  # time of the next heartbeat [s]
         self._last = -np.inf  # time of the driver's last command [s]
         self._command: JointCommand | None = None  # last command of the driver, while the guard commands

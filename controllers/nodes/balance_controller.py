@@ -61,8 +61,10 @@ class BalanceControllerNode(PoiseNode):
         text = "Offered deadline of the joint command [s]"
         self._deadline = declare(self, "command_deadline", 0.02, text, low=0.002, high=1.0)
         self._posture_period = declare_period(self, "posture_rate", 50.0, "the reference posture, the start of plans")
-        text = "Rate of the states [Hz]; the joint monitor uses it, and its period is the time budget of a tick"
+        text = "Rate of the states [Hz]; the joint monitor uses it"
         self._period = 1.0 / declare(self, "sensor_rate", 1000.0, text, low=1.0, high=10000.0)
+        text = "Real time for the computation of a tick [s]; 0: the period of the states"
+        self._budget = declare(self, "time_budget", 0.0, text, low=0.0, high=1.0) or self._period
         text = describe("Whether the node may be deactivated while it balances the robot", read_only=False)
         self.declare_parameter(FORCE, False, text)
         self._overruns = 0
@@ -180,7 +182,7 @@ class BalanceControllerNode(PoiseNode):
             self.alarm()
 
     def _judge_time(self) -> None:
-        if self._timer.last <= self._period:
+        if self._timer.last <= self._budget:
             self._overruns = 0
             return
         self.counters["ticks over budget"] += 1

@@ -21,8 +21,8 @@ class DampingGuard(SilenceGuard):
     end or when the vendor's controller becomes active again, disarms the guard.
     """
 
-    def __init__(self, model: RobotModel) -> None:
-        super().__init__(model)
+    def __init__(self, model: RobotModel, speed: float = 1.0) -> None:
+        super().__init__(model, speed)
         self._record: Any = None  # record of the newest command of driver or guard
 
     def receive(self, data: bytes, now: float) -> None:
@@ -52,4 +52,4 @@ class DampingGuard(SilenceGuard):
 
 def connect(model: RobotModel, domain: int, options: Mapping[str, Any]) -> tuple[DampingGuard, CommandLink]:
     """Create the guard of a robot in a DDS domain and its connection; ``options`` are those of the plant."""
-    return DampingGuard(model), CommandLink(domain, "unitree_hg", COMMAND)
+    return DampingGuard(model, options.get("speed", 1.0)), CommandLink(domain, "unitree_hg", COMMAND)

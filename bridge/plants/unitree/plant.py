@@ -27,10 +27,11 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         rate: Rate of the robot's states and of the commands [Hz]: 500 or 1000.
         marker: File that marks an unfinished run; empty for the default of interface and domain.
         remote: Whether the robot has a remote controller; False only for a simulated robot.
+        speed: Speed of the robot's time over real time, above 0; below 1 only for a simulated robot.
         link: Connection to the robot; over DDS when None.
 
     Raises:
-        ConfigError: A robot with other joints, with foot sensors or without ``hardware``, or another rate.
+        ConfigError: A robot with other joints, with foot sensors or without ``hardware``, or another rate or speed.
     """
 
     guard_process = "bridge.plants.unitree.guard:connect"
@@ -47,10 +48,14 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         rate: float = 500.0,
         marker: str = "",
         remote: bool = True,
+        speed: float = 1.0,
         link: RobotLink | None = None,
     ) -> None:
         if rate not in RATES:
             raise ConfigError(f"rate: {rate:g} Hz; the robot runs at {' or '.join(f'{each:g}' for each in RATES)} Hz")
+        if not 0.0 < speed <= 1.0:
+            raise ConfigError(f"speed: {speed:g} is not above 0 and at most 1, which is the speed of a real robot")
+        self._speed = speed
         clock = RobotClock(1.0 / rate, real_robot().gap_max)
         super().__init__(model, "unitree", (network_interface, domain), marker, 1.0 / rate, clock, BUTTONS)
         self._codec = UnitreeCodec(model, clock, self._session)
@@ -61,6 +66,10 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         self._released = not remote  # whether it has been released since
         self._unchanged = np.inf  # time since the last change of the remote controller [s]
         self._link = DdsLink(domain) if link is None else link
+
+    @property
+    def speed(self) -> float:
+        return self._speed
 
     def _decode(self, message: bytes) -> UnitreeSample:
         sample = self._codec.decode(message)

@@ -108,14 +108,14 @@ def test_ticks_over_their_budget_are_counted_and_reported_at_once(bench: Any, g1
     bench.world.create_subscription(DiagnosticArray, "/diagnostics", receive, EVENT)
     robot = Controlled(bench, g1, diagnostics_period=10.0)
     bench.spin(0.3)
-    robot.node._period = 1e-5
+    robot.node._budget = 1e-5
     statuses.clear()
     for _ in range(19):
         robot.tick()
     bench.wait(lambda: statuses)
     assert statuses[0][1]["ticks over budget in a row"] in ("10", "20")
     assert int(statuses[0][1]["ticks over budget"]) >= 10
-    robot.node._period = 10.0
+    robot.node._budget = 10.0
     robot.tick()
     assert robot.node._overruns == 0
     robot.set_mode("damp")

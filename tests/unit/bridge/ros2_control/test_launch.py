@@ -46,6 +46,12 @@ def test_the_rate_may_be_an_option_of_poise_up() -> None:
     assert given["rates"]["balance_controller"] == {"sensor_rate": 500.0}
 
 
+def test_a_slow_simulated_robot_gives_each_tick_more_time() -> None:
+    _, given = hardware_options("unitree", "g1", "lo", 0, None, "{speed: 0.5}")
+    assert given["rates"]["balance_controller"] == {"sensor_rate": 500.0, "time_budget": 0.004}
+    assert given["rates"]["supervisor"] == {"sensor_rate": 500.0}
+
+
 def test_the_end_may_be_an_option_of_the_plant_or_of_poise_up() -> None:
     for arguments in (
         ("ros2_control", "g1", "lo", 0, None, "{at_end: lower}"),

@@ -60,6 +60,13 @@ def test_the_guard_damps_after_the_silence_and_ends_with_it(g1: RobotModel) -> N
     assert guard.step(begin + 0.4) is not None and guard.interventions == 2
 
 
+def test_the_guard_waits_longer_for_a_slow_simulated_robot(g1: RobotModel) -> None:
+    guard = DampingGuard(g1, 0.5)
+    guard.receive(command_of(g1), 100.0)
+    assert guard.step(100.0 + 1.9 * SILENCE) is None
+    assert guard.step(100.0 + 2.1 * SILENCE) is not None
+
+
 def test_the_guard_ignores_others_and_damaged_commands(g1: RobotModel) -> None:
     guard, data = DampingGuard(g1), bytearray(command_of(g1))
     data[50] ^= 1
@@ -229,3 +236,6 @@ def test_the_plant_refuses_profiles_and_rates(g1: RobotModel, hardware: RobotMod
         UnitreePlant(g1)
     with pytest.raises(ConfigError, match="rate: 250 Hz; the robot runs at 500 or 1000 Hz"):
         UnitreePlant(hardware, rate=250.0)
+    for speed in (0.0, 2.0):
+        with pytest.raises(ConfigError, match=f"speed: {speed:g} is not above 0 and at most 1"):
+            UnitreePlant(hardware, speed=speed)
