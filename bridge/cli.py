@@ -350,12 +350,13 @@ def key(file: Annotated[Path, typer.Argument(help="File to write; an existing fi
 def map_ground(
     terrain: Annotated[str, typer.Argument(help="Ground: flight, tiles, stones, ...; models/config/terrain.yaml.")],
     file: Annotated[Path, typer.Argument(help="YAML file to write, with a PNG of the heights beside it.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Overwrite an existing map.")] = False,
 ) -> None:
     """Write the map of a simulated ground, for poise up --given-map."""
     from models.terrain import terrain_named
     from planners.terrain.given_map import save_given_map, terrain_heights
 
-    image = save_given_map(file, terrain_heights(terrain_named(terrain)))
+    image = save_given_map(file, terrain_heights(terrain_named(terrain)), overwrite=overwrite)
     console().print(f"{file}: heights of '{terrain}', with {image}", markup=False)
 
 

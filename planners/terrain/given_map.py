@@ -71,11 +71,17 @@ def load_given_map(file: Path) -> Heights:
     return Heights(np.ascontiguousarray(heights[::-1].T), given.origin[:2], given.resolution)
 
 
-def save_given_map(file: Path, ground: Heights) -> Path:
-    """Write a map as ``file`` and an image beside it; returns the image file. Raises ``ConfigError`` on failure."""
+def save_given_map(file: Path, ground: Heights, *, overwrite: bool = False) -> Path:
+    """Write a map as ``file`` and an image beside it; returns the image file.
+
+    ``overwrite`` replaces existing files. Raises ``ConfigError`` on failure.
+    """
     if file.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{file}: the file of a map is a .yaml, with a .png beside it")
     known, image = np.isfinite(ground.values), file.with_suffix(".png")
+    for existing in (file, image):
+        if existing.exists() and not overwrite:
+            raise ConfigError(f"{existing}: exists already: give another file, or --overwrite")
     low = float(ground.values[known].min()) if known.any() else 0.0
     high = max(float(ground.values[known].max()) if known.any() else 0.0, low + 1.0)
     shares = (np.where(known, ground.values, low) - low) / (high - low)

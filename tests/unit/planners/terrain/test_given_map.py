@@ -61,6 +61,17 @@ def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str) -> 
         save_given_map(tmp_path / name, Heights(np.zeros((2, 2)), (0.0, 0.0), 0.1))
 
 
+@pytest.mark.parametrize("name", ["map.yaml", "map.png"])
+def test_an_existing_map_is_kept(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("of a hall")
+    ground = Heights(np.zeros((2, 2)), (0.0, 0.0), 0.1)
+    with pytest.raises(ConfigError, match=f"{name}: exists already"):
+        save_given_map(tmp_path / "map.yaml", ground)
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+    save_given_map(tmp_path / "map.yaml", ground, overwrite=True)
+    assert load_given_map(tmp_path / "map.yaml").values.shape == (2, 2)
+
+
 @pytest.mark.parametrize("name", ["tiles", "slope_up", "slope_across", "flight", "stones"])
 def test_the_map_of_a_terrain_has_its_heights(name: str) -> None:
     terrain = replace(terrain_named(name), length=5.0, width=1.2)
