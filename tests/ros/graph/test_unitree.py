@@ -5,6 +5,7 @@ Times are the robot's, which waits while this machine is busy; no time of this m
 
 import json
 import os
+import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ from models.nodes.interfaces import interface
 
 pytestmark = [pytest.mark.ros, pytest.mark.graph]
 slow = pytest.mark.slow
+STALLED = re.compile("no (command of the controller|new state of the robot) for")
 
 
 def unavailable(error: Exception) -> None:
@@ -41,7 +43,8 @@ def test_unitrees_sdk_behind_a_cable(tmp_path: Path) -> None:
 
     At 0.3 of real time, where the robot's time waits for late commands and limits of real time are longer: a host that
     holds a core for 40 ms stops the graph at full speed, which is for the benchmark. ``POISE_UNITREE_STAND`` and
-    ``_WALK`` change the times [s], ``_SPEED`` the robot's speed.
+    ``_WALK`` change the times [s], ``_SPEED`` the robot's speed. Here, a process that does not run for 0.13 s damps the
+    robot, as it must; the script is then repeated once.
     """
     needs_types()
     run = sim2sim_sdk.run_of("g1", 0, "sdk")
@@ -51,11 +54,15 @@ def test_unitrees_sdk_behind_a_cable(tmp_path: Path) -> None:
         for name, value in (("STAND", script["stand_time"]), ("WALK", script["walk_time"]), ("SPEED", 0.3))
     )
     run["script"] = script | {"stand_time": stand, "walk_time": walk}
-    try:
-        result = sim2sim_sdk.run_script(run, tmp_path, sim2sim_sdk.config().limit)
-    except Unavailable as error:
-        unavailable(error)
-    print(json.dumps(result))
+    for folder in (tmp_path / "first", tmp_path / "second"):
+        folder.mkdir()
+        try:
+            result = sim2sim_sdk.run_script(run, folder, sim2sim_sdk.config().limit)
+        except Unavailable as error:
+            unavailable(error)
+        print(json.dumps(result))
+        if not STALLED.search(result["failure"]):
+            break
     case, given = sim2sim_sdk.judged(result), sim2sim_sdk.config()
     assert case["survived"], case["reason"]
     assert case["drift"] < given.drift_max and result["stood"] >= stand
