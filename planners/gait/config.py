@@ -20,7 +20,6 @@ class StrideConfig:
     crouch: NonNegative  #: Height of the CoM in standing less its height in walking [m]
     clearance: Positive  #: Height of the sole at mid-swing [m]
     least_effort: Proportion  #: Share of the minimum-acceleration path in the swing path; the rest is minimum jerk [-]
-    toe_off: NonNegative  #: Rotation of the rear sole at lift-off, per distance behind the front sole [rad/m]
 
     @property
     def period(self) -> float:

@@ -13,47 +13,6 @@ from models.types import Matrix, Vector
 from planners.gait.config import FootingConfig
 from planners.gait.measurement import Measurement
 
-
-class ToeOff(NamedTuple):
-    """Rotation of the rear sole before lift-off, about its edge towards the other foot."""
-
-    foot: int = -1  #: Rear foot; -1 if both soles lie flat
-    edge: float = 0.0  #: x of the edge in the frame of the sole [m]
-    angle: float = 0.0  #: About the y axis of the sole [rad]
-    rate: float = 0.0  #: [rad/s]
-    acceleration: float = 0.0  #: [rad/s^2]
-
-
-class SoleEdges(NamedTuple):
-    """Edges about which a sole may turn, as x in its frame."""
-
-    rear: float = 0.0  #: [m]
-    front: float = 0.0  #: [m]
-    least: float = np.inf  #: Rotation at lift-off below which it lies flat [rad]
-
-
-@register_jitable
-def turn_at_lift_off(ahead: float, turn: float, duration: float, edges: SoleEdges) -> tuple[float, float, float, float]:
-    """Edge, angle, rate and acceleration of ``ToeOff`` at the end of a double support; see ``Footing.toe_off``."""
-    angle = turn * ahead
-    if abs(angle) < edges.least:
-        return 0.0, 0.0, 0.0, 0.0
-    return edges.front if angle > 0.0 else edges.rear, angle, 2.0 * angle / duration, 2.0 * angle / duration**2
-
-
-@register_jitable
-def turned_about(edge: float, angle: float, rate: float, acceleration: float, out: Matrix) -> None:
-    """Fill displacement, velocity and acceleration of a sole's origin in a rotation about an edge; see ``ToeOff``.
-
-    ``out`` has x and z in the frame of the flat sole (3, 2) [m, m/s, m/s^2].
-    """
-    c, s = edge * np.cos(angle), edge * np.sin(angle)
-    out[0, 0], out[0, 1] = edge - c, s
-    out[1, 0], out[1, 1] = s * rate, c * rate
-    out[2, 0], out[2, 1] = c * rate * rate + s * acceleration, c * acceleration - s * rate * rate
-
-
-FLAT = ToeOff()
 _BEARS = 0.05  #: Least share of the weight on a sole with a centre of pressure [-]
 
 
@@ -133,8 +92,6 @@ class Footing:
 
     def __init__(self, model: RobotModel, config: FootingConfig) -> None:
         self._whole = np.array([foot.rectangle for foot in model.feet])
-        rear, front, _, _ = self._whole[0].tolist()  # left and right mirror each other
-        self.edges = SoleEdges(rear, front, config.tipped)
         self._constants = unbox(_Soles(self._whole, FootingLimits(*astuple(config))))
 
     def whole(self, before: FootingState | None = None) -> FootingState:
@@ -146,17 +103,6 @@ class Footing:
             soles.edges[:] = _views(before.block).edges
         return FootingState(block, self._whole)
 
-    def toe_off(self, foot: int, ahead: float, turn: float, elapsed: float, duration: float) -> ToeOff:
-        r"""Rotation of the rear ``foot`` in double support, with the other foot ``ahead`` along the sole [m].
-
-        .. math:: \theta = k\, d\, (t / T)^2
-
-        ``turn`` is the rotation k at lift-off per distance d [rad/m]; below ``tipped``, the sole stays flat.
-        """
-        share = min(max(elapsed / duration, 0.0), 1.0)
-        edge, angle, rate, acceleration = turn_at_lift_off(ahead, turn, duration, self.edges)
-        return ToeOff(foot, edge, angle * share * share, rate * share, acceleration) if edge else FLAT
-
     def update(
         self,
         footing: FootingState,
@@ -166,12 +112,10 @@ class Footing:
         dt: float,
         *,
         urgent: bool = False,
-        toe_off: ToeOff = FLAT,
     ) -> FootingState:
         """State after one tick; the foot ``swinging`` (None in double support) lands on its whole sole or on its rim.
 
-        ``slope`` is the ground slope at landing (2,) [-]. In an ``urgent`` step only rims count as edges. ``toe_off``
-        is the rotation of the rear foot in double support; that foot bears on the edge.
+        ``slope`` is the ground slope at landing (2,) [-]. In an ``urgent`` step only rims count as edges.
         """
         block, areas, foot = footing.block.copy(), footing.areas.copy(), -1 if swinging is None else swinging
         if urgent:
@@ -182,8 +126,6 @@ class Footing:
             foot, measured.loads, dt, measured.turning, measured.cops, measured.tilts[foot] - slope, yaw, urgent,
             self._constants, block, areas,
         )  # fmt: skip
-        if toe_off.foot >= 0:
-            areas[toe_off.foot, :2] = toe_off.edge
         return FootingState(block, areas)
 
 

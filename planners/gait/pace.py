@@ -36,7 +36,6 @@ class Pace(NamedTuple):
     clearance: float  #: Height of the sole at mid-swing [m]
     share: float  #: Share of the fast gait, from 0 to 1 [-]
     least_effort: float = 0.0  #: Share of the minimum-acceleration path in the swing path; the rest is minimum jerk [-]
-    toe_off: float = 0.0  #: Rotation of the rear sole at lift-off, per distance behind the front sole [rad/m]
 
     @property
     def period(self) -> float:
@@ -45,21 +44,18 @@ class Pace(NamedTuple):
 
 
 def pace_at(share: float, config: PaceConfig, urgency: float = 0.0) -> Pace:
-    """Pace at the share of the fast gait for a speed and at the urgency of a disturbance [-].
-
-    The rear sole of an urgent step lies flat, so that both soles bear load.
-    """
+    """Pace at the share of the fast gait for a speed and at the urgency of a disturbance [-]."""
     share = max(share, urgency)
-    names = ("single", "double", "crouch", "clearance", "least_effort", "toe_off")
-    single, double, crouch, clearance, effort, toe_off = (config.between(share, name) for name in names)
-    return Pace(single, double, crouch, clearance, share, effort, (1.0 - urgency) * toe_off)
+    names = ("single", "double", "crouch", "clearance", "least_effort")
+    single, double, crouch, clearance, effort = (config.between(share, name) for name in names)
+    return Pace(single, double, crouch, clearance, share, effort)
 
 
 @register_jitable
 def with_single(pace: Pace, least: float) -> Pace:
     """Pace with a nominal single support of at least ``least`` [s]."""
-    single, double, crouch, clearance, share, effort, toe_off = pace
-    return Pace(max(single, least), double, crouch, clearance, share, effort, toe_off)
+    single, double, crouch, clearance, share, effort = pace
+    return Pace(max(single, least), double, crouch, clearance, share, effort)
 
 
 def share_of(velocity: Velocity, config: PaceConfig) -> float:

@@ -18,7 +18,7 @@ from planners.gait.commands import Commands, CommandState, exceeded
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneDetector, Soles
 from planners.gait.dcm import DcmState, double_support
-from planners.gait.footing import FLAT, Footing
+from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, replaced, side_of
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Ground, Measurement, filtered_dcm_rate
 from planners.gait.pace import longest_step, lost_share, pace_at, share_of, share_within, urgency_after
@@ -54,7 +54,7 @@ class GaitPlanner:
         self._commands = Commands(config)
         self._soles = Soles(model, config)
         self._footing, self._stops = Footing(model, config.footing), AnkleStops(model, config.ankle)
-        self._single = SingleSupport(model, config, self._soles, self._footing.edges)
+        self._single = SingleSupport(model, config, self._soles)
         self._builder = ReferenceBuilder(model, config)
         self._airborne = AirborneDetector(model, config.lift)
         self.state = self._warm_up()
@@ -220,9 +220,7 @@ class GaitPlanner:
         elif cmp_offset is None:  # the foot has just lifted
             _, cmp_offset = self._single.reference(gait)
         slope = self._soles.expected_slope(gait.soles)
-        gait.footing = self._footing.update(
-            gait.footing, measured, swinging, slope, dt, urgent=gait.step.urgent, toe_off=gait.toe_off
-        )
+        gait.footing = self._footing.update(gait.footing, measured, swinging, slope, dt, urgent=gait.step.urgent)
         if swinging is not None and gait.step.urgent:
             stance = 1 - swinging
             areas = self._stops.on_edge(stance, state, measured.cops[stance], gait.footing.areas)
@@ -276,9 +274,6 @@ class GaitPlanner:
         gait, duration = self.state, self.state.step.double
         elapsed, point = gait.elapsed - gait.early, self._soles.stance_point(gait.soles, gait.stance)
         gait.dcm = gait.dcm.in_double(point, gait.step.touchdown, gait.omega, elapsed, duration)
-        rear, front = gait.soles.holds[1 - gait.stance], gait.soles.holds[gait.stance]
-        ahead = rear.relative(front.x, front.y)[0]
-        gait.toe_off = self._footing.toe_off(1 - gait.stance, ahead, gait.pace.toe_off, elapsed, duration)
         bears, other, far_off = gait.measured.active, 1 - gait.stance, self._single.far_off(gait)
         # A foot that has just lost its load can bear load again while it is on the floor.
         on_floor = bears[other] or gait.measured.soles[other].z - gait.soles.holds[other].z < _ON_FLOOR
@@ -317,9 +312,8 @@ class GaitPlanner:
         return float(double_support(first, last, then, omega, elapsed, gait.step.double)[0][0])
 
     def _lift(self) -> None:
-        toe_off = self.state.toe_off  # before the next line resets it
         self._enter(GaitPhase.SINGLE)
-        self._single.lift(self.state, toe_off)
+        self._single.lift(self.state)
 
     def _in_single(self, dt: float) -> Vector:
         """One tick of the step; returns CMP minus CoP (2,) [m]."""
@@ -401,7 +395,6 @@ class GaitPlanner:
             dcm=DcmState.at_rest(measured.com[:2], before.dcm.old),
             body=BodyState(float(measured.com[2]) - soles.ground()),
             airborne=self._airborne.on_floor,
-            toe_off=FLAT,
             command=CommandState(route=before.command.route.ended("the walk started again")),
             phase=GaitPhase.STAND,
             elapsed=0.0,
@@ -444,7 +437,7 @@ class GaitPlanner:
 
     def _enter(self, phase: GaitPhase) -> None:
         gait = self.state
-        gait.phase, gait.elapsed, gait.settled, gait.toe_off = phase, 0.0, 0.0, FLAT
+        gait.phase, gait.elapsed, gait.settled = phase, 0.0, 0.0
         if phase is GaitPhase.STAND:
             gait.step = self._at_rest(gait.step)
             gait.dcm = gait.dcm.begin_blend()

@@ -34,7 +34,6 @@ from models.numerics.compiled import register_jitable
 from models.robot_model import RobotModel
 from models.spline import quintic_step
 from models.types import Matrix, Vector
-from planners.gait.footing import SoleEdges, turn_at_lift_off, turned_about
 from planners.gait.footsteps import Point
 from planners.gait.pace import Pace
 from planners.gait.swing import YAW, SwingMotion, SwingShape, Z, end_acceleration
@@ -70,7 +69,6 @@ class SwingLeg(NamedTuple):
 
     shape: SwingShape
     lever: LegLever
-    edges: SoleEdges = SoleEdges()
 
 
 @register_jitable
@@ -129,9 +127,8 @@ def whole_swing(
     ``way`` is the displacement of the foot, ``rise`` the known height of its target above lift-off, ``over`` the height
     of an obstacle above the higher of both [m].
     """
-    shape, lever, edges = leg
-    c, s, turned = math.cos(yaw), math.sin(yaw), np.empty((3, 2))
-    foot = np.zeros(16)
+    shape, lever = leg
+    c, s, foot = math.cos(yaw), math.sin(yaw), np.zeros(16)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
     clearance = clearance_over(rise, pace.clearance, shape.edge_clearance, over)
     length, early = math.hypot(way[0], way[1]), shape.freeze / pace.single
@@ -140,15 +137,9 @@ def whole_swing(
     for i in range(2):
         foot[14 + i] = end_acceleration(foot[9 + i], pace.single - waits[0] - waits[1], pace.least_effort)
         foot[2 + 3 * i] = -foot[14 + i]
-    edge, angle, rate, acceleration = turn_at_lift_off(0.5 * foot[9], pace.toe_off, pace.double, edges)
-    turned_about(edge, angle, rate, acceleration, turned)
-    for i in range(3):
-        foot[6 + i] = turned[i, 1]
-    foot[1], foot[2] = turned[1, 0], foot[2] + turned[2, 0]
     foot[11], foot[12], foot[13] = max(rise, 0.0) + clearance, rise, -shape.landing_velocity
     drift = 0.5 * foot[9] / (pace.single + pace.double)
     ahead = 0.5 * (drift * pace.single - foot[9])  # as far behind at lift-off as ahead at touchdown
-    foot[9], ahead = foot[9] - turned[0, 0], ahead + turned[0, 0]
     x, y = _allowance(omega, pace.single, apex, waits, foot, ahead, drift, lever)
     return c * x - s * y, s * x + c * y
 
@@ -156,7 +147,7 @@ def whole_swing(
 @register_jitable
 def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg: SwingLeg) -> Point:
     """``d``: shift of the DCM by the rest of the swing, ``left`` [s] before touchdown, in W [m]."""
-    (motion, heights, shares, duration, braking, target), (com, com_velocity), (shape, lever, _) = swing, body, leg
+    (motion, heights, shares, duration, braking, target), (com, com_velocity), (shape, lever) = swing, body, leg
     left = max(left, shape.freeze)  # the last moments are stretched, see swing.py
     rise = left - (1.0 - shares[0]) * duration
     settle = min(shares[2] * duration, left - shape.freeze)

@@ -12,7 +12,6 @@ from models.spline import min_jerk, quintic_step
 from models.types import Matrix, Reference, RobotState, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneState
-from planners.gait.footing import ToeOff, turned_about
 from planners.gait.footsteps import Point, mean_heading, middle, replaced, wrap
 from planners.gait.measurement import Measurement
 from planners.gait.state import BodyState, GaitPhase, GaitState
@@ -121,7 +120,7 @@ class ReferenceBuilder:
         places = (left.x, left.y, left.z, left.yaw), (right.x, right.y, right.z, right.yaw)
         swing, out = state.swing, (rotations, positions, motions, bodies)
         swings = foot if single else -1
-        _place_bodies(places, state.soles.tilts, swings, swing.motion, swing.tilt, state.toe_off, self._upright, *out)
+        _place_bodies(places, state.soles.tilts, swings, swing.motion, swing.tilt, self._upright, *out)
         dcm = state.dcm.dcm
         return Reference(
             com=np.array([dcm[0], dcm[1], (body.ground or 0.0) + body.height + body.rise[0] + relief[0]]),
@@ -197,15 +196,15 @@ def sole_rotation(yaw: float, rise_x: float, rise_y: float, rotation: Matrix) ->
 
 @njit(cache=True)
 def _place_bodies(
-    places: tuple[Place, Place], tilts: Matrix, foot: int, motion: Matrix, tilt: Vector, toe_off: ToeOff,
+    places: tuple[Place, Place], tilts: Matrix, foot: int, motion: Matrix, tilt: Vector,
     upright: Matrix, rotations: Matrix, positions: Matrix, motions: Matrix, bodies: Matrix,
 ) -> None:  # fmt: skip
     """Fill the poses and motions of the soles, and the rotations of base and torso at the mean heading.
 
     Outputs are ``rotations`` (2, 3, 3), ``positions`` (2, 3) [m], velocities and accelerations ``motions`` (2, 2, 6)
     and ``bodies`` (2, 3, 3). ``places`` are planted soles with slopes ``tilts`` (2, 2). ``foot`` swings (-1: none) with
-    position, velocity, acceleration of x, y, z, yaw ``motion`` (3, 4) and slope ``tilt`` (2,). The foot of ``toe_off``
-    turns about its edge. ``upright`` are the rotations of base and torso at heading 0 (2, 3, 3).
+    position, velocity, acceleration of x, y, z, yaw ``motion`` (3, 4) and slope ``tilt`` (2,). ``upright`` are the
+    rotations of base and torso at heading 0 (2, 3, 3).
     """
     first, second = places[0][3], places[1][3]
     for i in range(2):
@@ -224,8 +223,6 @@ def _place_bodies(
                 second = yaw
         positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
         sole_rotation(yaw, rise_x, rise_y, rotations[i])
-        if i == toe_off.foot:
-            _turn_about_edge(toe_off, rotations[i], positions[i], motions[0, i], motions[1, i])
     turn = first + 0.5 * wrap(second - first)
     c, s = math.cos(turn), math.sin(turn)
     for body in range(2):
@@ -236,22 +233,6 @@ def _place_bodies(
                 s * x + c * y,
                 upright[body, 2, k],
             )
-
-
-@register_jitable
-def _turn_about_edge(
-    toe_off: ToeOff, rotation: Matrix, position: Vector, velocity: Vector, acceleration: Vector
-) -> None:
-    """Turn a flat sole in place: rotation (3, 3), position (3,), velocity and acceleration (6,), all in W."""
-    turned = np.empty((3, 2))
-    turned_about(toe_off.edge, toe_off.angle, toe_off.rate, toe_off.acceleration, turned)
-    c, s = math.cos(toe_off.angle), math.sin(toe_off.angle)
-    for k in range(3):
-        x, y, z = rotation[k, 0], rotation[k, 1], rotation[k, 2]
-        position[k] += x * turned[0, 0] + z * turned[0, 1]
-        velocity[k], velocity[3 + k] = x * turned[1, 0] + z * turned[1, 1], y * toe_off.rate
-        acceleration[k], acceleration[3 + k] = x * turned[2, 0] + z * turned[2, 1], y * toe_off.acceleration
-        rotation[k, 0], rotation[k, 2] = c * x - s * z, s * x + c * z
 
 
 @njit(cache=True)

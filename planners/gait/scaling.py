@@ -80,8 +80,7 @@ def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitCon
 
 
 def _stride(stride: StrideConfig, length: float, time: float) -> StrideConfig:
-    scaled = _times(_times(stride, length, "crouch", "clearance"), time, "single", "double")
-    return _times(scaled, 1.0 / length, "toe_off")
+    return _times(_times(stride, length, "crouch", "clearance"), time, "single", "double")
 
 
 def _times(part: Part, factor: float, *names: str) -> Part:

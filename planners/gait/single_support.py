@@ -10,7 +10,6 @@ from planners.gait.adjustment import PlannedStep, StepPlanner, Walk
 from planners.gait.config import GaitConfig
 from planners.gait.contact import Soles
 from planners.gait.dcm import DcmState, single_support
-from planners.gait.footing import SoleEdges, ToeOff
 from planners.gait.footsteps import Foothold, Point, clamped, replaced, wrap
 from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.regions import Region, region_limits
@@ -28,13 +27,13 @@ def walk_of(gait: GaitState, liftoff: Foothold) -> Walk:
 class SingleSupport:
     """Executes the present step; ``GaitPlanner`` decides when it begins and ends.
 
-    ``edges`` are the edges of ``Footing`` about which soles turn. Methods replace parts of the ``GaitState``.
+    Methods replace parts of the ``GaitState``.
     """
 
-    def __init__(self, model: RobotModel, config: GaitConfig, soles: Soles, edges: SoleEdges) -> None:
+    def __init__(self, model: RobotModel, config: GaitConfig, soles: Soles) -> None:
         self._config, self._soles = config, soles
         self._swing = SwingFoot(config.swing)
-        leg = SwingLeg(self._swing.shape, leg_lever(model), edges)
+        leg = SwingLeg(self._swing.shape, leg_lever(model))
         self._leg = unbox(leg)
         self.plan = StepPlanner(config, soles, leg)
         self._regions = region_limits(config.reach)
@@ -43,8 +42,8 @@ class SingleSupport:
         """Whether the DCM is so far from its reference that the step is urgent."""
         return gait.dcm_error > self._config.adjustment.urgent
 
-    def lift(self, gait: GaitState, toe_off: ToeOff) -> None:
-        """Lift the swing foot off at its measured pose, with the rotation ``toe_off`` about its edge."""
+    def lift(self, gait: GaitState) -> None:
+        """Lift the swing foot off at its measured pose."""
         foot, single = 1 - gait.stance, gait.single
         sole = gait.measured.soles[foot]
         pose = np.array([sole.x, sole.y, sole.z, sole.yaw])
@@ -64,9 +63,7 @@ class SingleSupport:
         rise, over = walk.rise + nominal.z - walk.stance.z, 0.0 if landing is None else landing.over
         gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))
         tilt, trips, target, pace = gait.soles.tilts[foot], gait.swing.trips, (nominal.x, nominal.y), gait.pace
-        gait.swing = self._swing.lift(
-            pose, pace.clearance, single, tilt, trips, target, toe_off, pace.least_effort, rise, over
-        )
+        gait.swing = self._swing.lift(pose, pace.clearance, single, tilt, trips, target, pace.least_effort, rise, over)
         self._adjust(gait, 0.0)
 
     def advance(self, gait: GaitState, dt: float) -> Vector:

@@ -16,7 +16,7 @@ from planners.gait.commands import NO_COMMAND, CommandState
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneState, Soles, SoleState
 from planners.gait.dcm import DcmState
-from planners.gait.footing import FLAT, FootingState, ToeOff
+from planners.gait.footing import FootingState
 from planners.gait.footsteps import LEFT, Foothold, limits_of, preview_footholds
 from planners.gait.measurement import Measurement
 from planners.gait.pace import Pace
@@ -111,7 +111,6 @@ class GaitState:
     body: BodyState
     airborne: AirborneState
     pace: Pace
-    toe_off: ToeOff = FLAT  #: Rotation of the rear foot
     urgency: float = 0.0  #: Share of the fast gait that disturbances require [-]
     command: CommandState = NO_COMMAND
     swing: SwingState = AT_REST

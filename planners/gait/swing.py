@@ -14,7 +14,6 @@ from models.numerics.unboxed import Unboxed, unbox
 from models.spline import quintic_step
 from models.types import Matrix, Vector
 from planners.gait.config import SwingConfig
-from planners.gait.footing import FLAT, ToeOff, turned_about
 from planners.gait.footsteps import Foothold, Place, Point
 from planners.gait.measurement import points_up
 from planners.gait.tread import SwingShares, clearance_over, swing_shares
@@ -163,7 +162,6 @@ class SwingFoot:
         tilt: Vector,
         trips: int = 0,
         target: Point | None = None,
-        toe_off: ToeOff = FLAT,
         effort: float = 0.0,
         rise: float = 0.0,
         over: float = 0.0,
@@ -171,18 +169,11 @@ class SwingFoot:
         """Start a swing of this height [m] and duration [s] at rest, from a pose x, y, z, yaw (4,) on a slope (2,) [-].
 
         ``target`` is the planned end in W [m], on a path of this ``effort``, see ``SwingFoot``. Without a target, the
-        foot starts without acceleration. With ``toe_off``, the pose is that of the flat sole, and the foot starts with
-        the rotation about its edge. The target is higher than the pose by ``rise`` [m]; an obstacle on the way is
+        foot starts without acceleration. The target is higher than the pose by ``rise`` [m]; an obstacle on the way is
         higher than the higher end by ``over`` [m].
         """
         motion, start = np.zeros((3, 4)), (float(pose[X]), float(pose[Y]))
         motion[0] = pose
-        if toe_off.foot >= 0:
-            c, s, turned = math.cos(pose[YAW]), math.sin(pose[YAW]), np.empty((3, 2))
-            turned_about(*toe_off[1:], turned)
-            motion[:, :Z] += turned[:, :1] * np.array([c, s])
-            motion[:, Z] += turned[:, 1]
-            tilt = tilt - math.tan(toe_off.angle) * np.array([c, s])
         way = 0.0 if target is None else math.dist(start, target)
         shape = self.shape
         clearance = clearance_over(rise, clearance, shape.edge_clearance, over)
