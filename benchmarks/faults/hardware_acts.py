@@ -16,7 +16,6 @@ from models.types import JointCommand
 AnyLoop: TypeAlias = PlantLoop[Any, Any, Any, Any]
 Act: TypeAlias = Callable[[Any, float], AbstractContextManager[Any]]
 
-B_BUTTON = 9  #: Bit of button B on the remote controller
 KNEE = 3  #: Motor of the left knee
 WRIST = 20  #: Motor of a left wrist joint; it bears no weight
 EMPTY_COMMAND = b"\0\1" + bytes(30)  #: Serialised std_msgs/Float64MultiArray without numbers

@@ -183,7 +183,7 @@ class Program:
         self.stop_ms: int | None = None  #: Time from the stop to the first command without stiffness, in ticks [ms]
 
     def run(self) -> None:
-        """Step the robot in real time until the end of the input or ``quit``."""
+        """Step the robot in real time until the end of the input."""
         use_fifo(PRIORITY, lambda text: print(text, file=sys.stderr, flush=True))  # a real robot has its own computer
         period = STEP / self.speed
         due = time.monotonic()
@@ -307,11 +307,6 @@ class Program:
         self.late, self.skipped = 0.0, 0
         return True
 
-    def quit(self) -> bool:
-        """End the program."""
-        self._done = True
-        return True
-
 
 def main(
     kind: str,
@@ -323,7 +318,7 @@ def main(
     seed: str = "0",
     deviation: str = "{}",
 ) -> None:
-    """Run the robot and its side until the end of the input or ``quit``."""
+    """Run the robot and its side until the end of the input."""
     side = {"sdk": SdkSide, "ros": RosSide}[kind]
     differs = parse_config(Deviation, json.loads(deviation), "deviation")
     gantry = GantryRobot(robot, rate=float(rate), seed=int(seed), deviation=differs, released=kind == "sdk")

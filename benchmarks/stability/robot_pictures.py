@@ -23,7 +23,7 @@ PART = 0.6  #: Fraction of the step at which the picture is taken [-]
 PERIOD = 0.01  #: Period of the check of the step [s]
 
 
-def walking_robot(name: str, size: tuple[int, int] = SIZE) -> Any:
+def walking_robot(name: str) -> Any:
     """Return a picture (PIL) of a robot that walks ahead, in the middle of a step; ``PoiseError`` if it falls."""
     with tempfile.TemporaryDirectory() as folder:
         loop = walking_loop(name, Path(folder))
@@ -33,7 +33,7 @@ def walking_robot(name: str, size: tuple[int, int] = SIZE) -> Any:
         while not (gait.phase is GaitPhase.SINGLE and gait.elapsed > PART * gait.step.time):
             advance(loop, PERIOD)
             gait = loop.gait.state
-        return portrait(loop.robot, loop.truth.q, size, label(name))
+        return portrait(loop.robot, loop.truth.q, SIZE, label(name))
 
 
 def label(name: str) -> str:

@@ -181,7 +181,7 @@ def _under(
 
 
 def judge_stairs(
-    model: RobotModel, recording: Recording, landings: Sequence[Landing], scene: StairsScene, terrain: Terrain
+    recording: Recording, landings: Sequence[Landing], scene: StairsScene, terrain: Terrain
 ) -> tuple[list[Check], dict[str, float]]:
     """Checks and figures of a walk over the flight, against the true ground; foothold errors by the estimate."""
     heights = np.array([landing.sole[2] for landing in landings])
@@ -292,7 +292,7 @@ def demo_stairs(robot: str, out: Path) -> int:
     checks = [Check("scenario", not failure, failure or "completed")]
     figures: dict[str, float] = {}
     if recording is not None:
-        judged, figures = judge_stairs(model, recording, landings, scene, terrain)
+        judged, figures = judge_stairs(recording, landings, scene, terrain)
         checks += [*judged, judge_speed(fast, config)]
         recording.save(out / "recording.npz")
         say(f"plot: {plot_stairs(recording, landings, Ground(terrain), out / 'stairs.png')}")

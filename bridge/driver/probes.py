@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SAMPLES_KEPT = 64  #: Newest samples for which an answer is matched
+ANSWERS_KEPT = 5000  #: Newest latencies in the statistics of ``AnswerTimes``
 CAPACITY = 600_000  #: Largest number of recorded ticks: ten minutes at 1 kHz; later ones are dropped
 
 #: Values that the driver records per tick, and their types
@@ -135,14 +136,11 @@ ANSWER_VALUES = {name: f"sample to command {name} [ms]" for name in ("p50", "p99
 
 
 class AnswerTimes:
-    """Latency of a real robot, from the arrival of a sample at the driver to sending the command computed from it.
+    """Latency of a real robot, from the arrival of a sample at the driver to sending the command computed from it."""
 
-    ``count`` is the number of newest values in the statistics.
-    """
-
-    def __init__(self, count: int = 5000) -> None:
+    def __init__(self) -> None:
         self._arrived: deque[tuple[int, float]] = deque(maxlen=SAMPLES_KEPT)
-        self._times: deque[float] = deque(maxlen=count)
+        self._times: deque[float] = deque(maxlen=ANSWERS_KEPT)
         self._answered = 0
 
     def arrive(self, stamp: int) -> None:

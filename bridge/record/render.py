@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from models.types import Vector
 
 FRAMES, ROWS = 12, 2  #: Pictures in a film strip, and rows of it [-]
+STRIP_TIME = 120.0  #: Maximum time for a film strip [s]
 FRAME_SIZE = (300, 480)  #: Width and height of one picture [pixel]
 GIF_SIZE, GIF_RATE, GIF_SPEED = (160, 230), 6, 4.5  #: Animation: size [pixel], rate [1/s], ratio to real time [-]
 GIF_COLORS = 32  #: Colours in the palette of an animation [-]
@@ -40,12 +41,10 @@ GL_PACKAGES = "Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
 GL_ADVICE = f"no pictures: EGL was not found; {GL_PACKAGES}"
 
 
-def render_filmstrip(
-    recording_file: Path, picture: Path, robot: str = "", *, terrain: str = FLAT, timeout: float = 120.0
-) -> str:
+def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, terrain: str = FLAT) -> str:
     """Draw a film strip of a saved ``Recording`` in another process; returns the error, empty on success."""
     options = ["--profile", robot, "--terrain", terrain]
-    return run_renderer("bridge.record.render", [*options, str(recording_file), str(picture)], picture, timeout)
+    return run_renderer("bridge.record.render", [*options, str(recording_file), str(picture)], picture, STRIP_TIME)
 
 
 def run_renderer(module: str, arguments: Sequence[str], picture: Path, timeout: float) -> str:

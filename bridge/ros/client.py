@@ -273,9 +273,9 @@ class Client:
         self.wait(lambda: self.status is not None, DISCOVERY)
         return "robot without supervisor" if self.status is None else self.status.robot
 
-    def switch(self, service: str, on: bool, timeout: float = 5.0) -> CommandReply:
+    def switch(self, service: str, on: bool) -> CommandReply:
         """Call a std_srvs/SetBool service; see ``trigger``."""
-        answer = self.call(SetBool, service, SetBool.Request(data=on), timeout, timeout)
+        answer = self.call(SetBool, service, SetBool.Request(data=on))
         return text_to_reply(bool(answer.success), str(answer.message))
 
     def set_parameter(self, node: str, name: str, value: bool | int | float | str) -> None:

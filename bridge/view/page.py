@@ -238,12 +238,11 @@ def view(
     namespace: str = "",
     signer: Signer | None = None,
     say: Callable[[str], object] = print,
-    timeout: float = 10.0,
 ) -> None:
     """Serve the page of the running robot until Ctrl-C; ``PoiseError`` without a robot or if the port is in use."""
     stop = Stop()
     with Client(network=network, namespace=namespace) as client:
-        model = RobotModel.load(robot or client.robot(timeout))
+        model = RobotModel.load(robot or client.robot(timeout=10.0))
         page = Page(model, client, host=host, port=port, signer=signer)
         try:
             say(f"{page.url} shows {model.name}; Ctrl-C ends it")

@@ -130,6 +130,6 @@ def test_a_walk_over_stairs_fails_for_what_is_wrong_with_it(
     recording = Recording(g1.name, np.arange(50) / 10.0, q, zeros, zeros[:, 6:], np.zeros((50, 2, 6)))
     even = Landing(1.0, 0, (0.01, 0.02), True, np.zeros(3), 0.0, np.full(9, 0.002))
     top = even._replace(sole=np.array([1.2, 0.1, 0.15]))
-    checks, figures = judge_stairs(g1, recording, [even, top._replace(**changed), even], scene, terrain)
+    checks, figures = judge_stairs(recording, [even, top._replace(**changed), even], scene, terrain)
     assert figures["steps"] == 3.0 and figures["map_known"] == 1.0
     assert [check.name for check in checks if not check.passed] == culprit
