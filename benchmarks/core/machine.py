@@ -1,6 +1,5 @@
 """Processor and memory use of processes, and the real-time properties of the machine."""
 
-import os
 import resource
 import subprocess
 import sys
@@ -105,9 +104,7 @@ def read_machine(root: Path = Path("/")) -> Machine:
 
 
 def _permitted() -> tuple[bool, bool]:
-    found = subprocess.run(
-        [sys.executable, "-c", _PERMITTED], capture_output=True, text=True, check=False, env=dict(os.environ)
-    )
+    found = subprocess.run([sys.executable, "-c", _PERMITTED], capture_output=True, text=True, check=False)
     words = found.stdout.split()
     return (words[0] == "1", words[1] == "1") if len(words) == 2 else (False, False)
 

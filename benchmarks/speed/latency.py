@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, saved
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, by_scenario, saved
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.machine import Machine, advice, read_machine
 from benchmarks.core.timed_run import MICRO, QUANTILES, Spread, percentiles_of, spread
@@ -232,10 +232,6 @@ def verdict(held: dict[str, bool], machine: Machine) -> list[str]:
     return lines + [f"advice: {line}" for line in advice(machine)]
 
 
-def _names(cases: list[Case]) -> list[str]:
-    return list(dict.fromkeys(case["scenario"] for case in cases))
-
-
 def _prefix(scenario: str) -> str:
     return "" if scenario == "idle" else f"{scenario}_"
 
@@ -262,9 +258,8 @@ class Latency(Benchmark):
     def figures(self, cases: list[Case]) -> dict[str, float]:
         """Return the figures of each scenario, prefixed with its name unless 'idle', and the time of the stamps."""
         figures: dict[str, float] = {}
-        for name in _names(cases):
+        for name, of in by_scenario(cases).items():
             scenario = latency_config().scenarios[name]
-            of = [case for case in cases if case["scenario"] == name]
             found = summarise(of, 1.0 / (scenario.rate * scenario.speed))
             figures |= {f"{_prefix(name)}{key}": value for key, value in found.items()}
         return figures | {"stamps_us": cost() * 1e6}
@@ -272,37 +267,35 @@ class Latency(Benchmark):
     def bounds(self, report: Report) -> dict[str, Bound]:
         return {
             f"{_prefix(name)}{key}": bound
-            for name in _names(report.cases)
+            for name in by_scenario(report.cases)
             for key, bound in bounds_of_graph(_of(report, name)).items()
             if name in latency_config().usual or key == "stood_fraction"
         }
 
     def notes(self, report: Report) -> list[str]:
         notes, held_by = [], {}
-        for name in _names(report.cases):
+        for name, of in by_scenario(report.cases).items():
             speed = latency_config().scenarios[name].speed
             held, lines = judge(_of(report, name))
             held_by[name if speed == 1.0 else f"{name} at {speed:g} of real time"] = held
-            of = [case for case in report.cases if case["scenario"] == name]
             lines += [f"seed {case['seed']}: {case['failure']}" for case in of if "failure" in case]
             notes += [f"{name}: {line}" for line in lines]
         return notes + verdict(held_by, read_machine())
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        names = _names(report.cases)
+        groups = by_scenario(report.cases)
         figure = new_figure(8.0, 4.5)
         axes = figure.add_subplot()
         _draw_tail(axes, report.cases, "floor", "ping-pong floor", color="0.5")
-        for name in names:
-            of = [case for case in report.cases if case["scenario"] == name]
-            _draw_tail(axes, of, "latency", "sensor to command" if names == ["idle"] else name)
+        for name, of in groups.items():
+            _draw_tail(axes, of, "latency", "sensor to command" if list(groups) == ["idle"] else name)
         axes.set(
             xscale="log", yscale="log", xlabel="time [us]", ylabel="share of ticks that took longer", ylim=(1e-4, 1)
         )
         axes.grid(visible=True, which="both", alpha=0.3)
         axes.legend(fontsize=8)
         files = [saved(figure, folder / f"latency-{report.stem}.png")]
-        staged = [name for name in names if not math.isnan(_stage(report, name, STAGES[0], "p50"))]
+        staged = [name for name in groups if not math.isnan(_stage(report, name, STAGES[0], "p50"))]
         if not staged:
             return files
         figure = new_figure(10.0, 1.5 + 0.4 * len(staged))

@@ -20,7 +20,7 @@ from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.loops import advance, demand, start_walk
 from benchmarks.stability.humanoids import KINDS
 from benchmarks.stability.robots_page import TRIALS, rows, write_page
-from bridge.check_robot import Trial, Verdict, check_robot
+from bridge.check_robot import check_robot, propose_profile
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Fraction, Positive
 from models.errors import ConfigError, PoiseError
@@ -85,22 +85,15 @@ def check(robot: str, seed: int) -> Case:
         except PoiseError as error:
             return {"refused": str(error).rpartition(f"{Path(robot).name}: ")[2]}
         model = RobotModel.load(verdict.files[0])
-    legs = [len(foot.joint_ids_v) for foot in model.feet]
+    failures = [f"{trial.name}: {trial.detail}" for trial in verdict.trials if not trial.passed]
     return {
         "mass": model.mass,
-        "legs": legs[0],
+        "legs": len(model.feet[0].joint_ids_v),
         "arms": len(arms(model)),
         "trials": {trial.name: [trial.passed, trial.detail] for trial in verdict.trials},
-        "limits": [*_failures(verdict), *verdict.notes],
+        "limits": [*failures, *verdict.notes],
         "time": time.perf_counter() - began,
     }
-
-
-def _failures(verdict: Verdict) -> list[str]:
-    def text(trial: Trial) -> str:
-        return f"{trial.name}: {trial.detail}"
-
-    return [text(trial) for trial in verdict.trials if not trial.passed]
 
 
 def run_trial(robot: str, trial: str, seed: int) -> Case:
@@ -116,8 +109,6 @@ def walking_loop(robot: str, folder: Path, seed: int = 0) -> ClosedLoop:
     """Return the loop of a packaged robot, or of a robot file with its proposed profile."""
     if robot in robot_names():
         return ClosedLoop(robot, seed=seed, record=False)
-    from bridge.check_robot import propose_profile
-
     _, files = propose_profile(write_robot(robot, folder), folder / "profile.yaml", ())
     return ClosedLoop(files[0], seed=seed, record=False)
 

@@ -229,16 +229,13 @@ class Sight:
         loop.ground_view.blind = self._kind == "blind" and loop.t < self._begun + self._amount
 
 
-def _planner(loop: ClosedLoop) -> GroundPlanner:
-    return GroundPlanner(loop.robot, loop.gait.config)
-
-
 def walk_around(loop: ClosedLoop, distance: float) -> str:
     """Walk a distance [m] ahead over level ground and around obstacles; returns why the robot cannot, or empty."""
     loop.run(_LOOK)
     here = middle(loop.gait.footholds)
     goal = Foothold(*here.moved(distance, 0.0), here.yaw, here.z)
-    planner, request = _planner(loop), Request(0, GroundQuery(here, distance, loop.gait.footholds), around=True)
+    request = Request(0, GroundQuery(here, distance, loop.gait.footholds), around=True)
+    planner = GroundPlanner(loop.robot, loop.gait.config)
     answer = answer_request(planner, request, loop.ground_view.mapper.ground(), clearance=_config().clearance)
     if answer.reason:
         return answer.reason
@@ -253,7 +250,8 @@ def walk_around(loop: ClosedLoop, distance: float) -> str:
 def walk_on_sight(loop: ClosedLoop, distance: float, sight: Sight | None = None) -> GroundRoute:
     """Walk a distance [m] straight ahead on the mapped ground, until it is done, the robot falls or is stuck."""
     sight = sight or Sight(loop)
-    planner, route, config = _planner(loop), GroundRoute(loop.gait, loop.gait), _config()
+    route, config = GroundRoute(loop.gait, loop.gait), _config()
+    planner = GroundPlanner(loop.robot, loop.gait.config)
     loop.run(_PERIOD)
     route.begin(middle(loop.gait.footholds), distance)
     latest, answers = loop.t + config.limit, list[tuple[float, Answer]]()

@@ -190,7 +190,7 @@ def black_box(
     file: Annotated[Path, typer.Argument(help="File of a black box, by default in ~/.local/state/poise/black_box.")],
     out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("out/black_box"),
     last: Annotated[float, typer.Option(min=0.0, help=r"Duration to draw, at the end of the file \[s].")] = 60.0,
-    robot: Annotated[str, typer.Option(help="Robot profile, by name or path; by default that in the file.")] = "",
+    robot: Robot = "",
 ) -> None:
     """Draw the last seconds before a fault from a black box, and print why it was written."""
     from bridge.analysis.plots import plot_black_box

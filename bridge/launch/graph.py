@@ -24,7 +24,6 @@ from bridge.ros.client import SETTLE_TIME
 from bridge.ros.environment import claim_graph, graph_environment, join_graph
 from bridge.ros.processes import (
     ACTIVATE,
-    BRIDGE,
     CONFIGURE,
     GraphProcess,
     Parameters,
@@ -260,10 +259,10 @@ class Graph:
             self._change([name], ACTIVATE)
         self._say(f"active: {', '.join(self._activation)}")
 
-    def bring_up_plant(self) -> None:
-        """Configure and activate the node of the shared plant after a restart of its process."""
+    def bring_up(self, nodes: Sequence[str]) -> None:
+        """Configure and activate the nodes of a restarted process, also those of the shared plant."""
         for transition in (CONFIGURE, ACTIVATE):
-            self._change(BRIDGE.nodes, transition)
+            self._change(nodes, transition)
 
     def _supervise(self, processes: Sequence[GraphProcess]) -> None:
         """Kill silent processes, and restart those that have ended."""
@@ -279,8 +278,7 @@ class Graph:
             self._processes.remove(process)
             return
         process.start()
-        for transition in (CONFIGURE, ACTIVATE):
-            self._change(process.spec.nodes, transition)
+        self.bring_up(process.spec.nodes)
         self._say(f"{', '.join(process.spec.nodes) or process.spec.module} running again")
 
     def _change(self, names: Sequence[str], transition: int) -> None:

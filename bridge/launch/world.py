@@ -189,7 +189,7 @@ class WorldGraph:
         count_restart(self._world, self._say)
         self._world.start()
         for graph in self.graphs.values():
-            graph.bring_up_plant()
+            graph.bring_up(BRIDGE.nodes)
 
 
 def up_world(
