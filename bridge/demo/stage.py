@@ -116,20 +116,41 @@ PUSH_SIDE = 2  #: Side of the square on which the robot is pushed
 WALK, WAVE, PUSH, STOP = "walk", "walking wave", "walking push", "stop"
 
 
-class SquareWalk:
-    """Walks a square on ``goal_pose``."""
+class Walk:
+    """Base class of the walks to goals on ``goal_pose``."""
 
     def __init__(self, stage: Stage) -> None:
-        self._stage = stage
-        node = stage.graph.node
+        self._stage, node = stage, stage.graph.node
         self._goals = node.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
         self._routes: list[RouteStatus] = []
         self._walking = False
+        subscribe_status(node, RouteStatus, topics.ROUTE_STATUS, self._routes.append)
+        self._margin = node.create_subscription(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
+
+    def _begin(self) -> None:
+        """Wait until the robot walks, after the command."""
+        limit = self._stage.config.start_limit
+        self._stage.watch(lambda: self._walking, limit, "the robot does not begin to walk")
+        self._stage.graph.node.destroy_subscription(self._margin)  # its 50 Hz would delay the other messages
+
+    def _stop(self) -> None:
+        graph, limit = self._stage.graph, self._stage.config.walk_limit
+        graph.send("stop")
+        self._stage.watch(lambda: graph.mode == Mode.STAND.value, limit, "the robot does not stop")
+
+    def _on_margin(self, message: Float64) -> None:
+        """The gait planner publishes its margin once it controls the robot."""
+        self._walking = True
+
+
+class SquareWalk(Walk):
+    """Walks a square on ``goal_pose``."""
+
+    def __init__(self, stage: Stage) -> None:
+        super().__init__(stage)
         self._playing = False
         self._waved = False
-        subscribe_status(node, RouteStatus, topics.ROUTE_STATUS, self._routes.append)
-        subscribe_status(node, MotionStatus, topics.MOTION_STATUS, self._on_motion)
-        self._margin = node.create_subscription(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
+        subscribe_status(stage.graph.node, MotionStatus, topics.MOTION_STATUS, self._on_motion)
 
     def play(self) -> None:
         """Walk the square and stand; ``PoiseError`` when a goal is refused or not reached, or the robot is damped."""
@@ -138,16 +159,14 @@ class SquareWalk:
         stage.note(f"{WALK} a square of {config.square_side:g} m")
         stage.graph.send("walk")
         self._playing = True
-        stage.watch(lambda: self._walking, config.start_limit, "the robot does not begin to walk")
-        stage.graph.node.destroy_subscription(self._margin)  # its 50 Hz would delay the other messages
+        self._begin()
         stage.graph.send("wave")
         for side, (along, left) in enumerate(CORNERS):
             corner = start.moved(config.square_side * along, config.square_side * left)
             self._go(side, Foothold(*corner, start.yaw + 0.5 * math.pi * (side + 1)))
         stage.watch(lambda: self._waved, config.motion_limit, "the wave did not end")
         stage.note(STOP)
-        stage.graph.send("stop")
-        stage.watch(lambda: stage.graph.mode == Mode.STAND.value, config.walk_limit, "the robot does not stop")
+        self._stop()
         stage.pause(config.recover_time)
 
     def _go(self, side: int, goal: Foothold) -> None:
@@ -179,7 +198,3 @@ class SquareWalk:
             self._stage.events.append((self._stage.observer.stamp, f"{WAVE} done"))
         else:
             raise PoiseError(f"{WAVE}: {status}")
-
-    def _on_margin(self, message: Float64) -> None:
-        """The gait planner publishes its margin once it controls the robot."""
-        self._walking = True

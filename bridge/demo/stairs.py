@@ -10,16 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as Footsteps
 from pydantic.dataclasses import dataclass
 from rich.console import Console
-from std_msgs.msg import Float64, UInt8MultiArray
+from std_msgs.msg import UInt8MultiArray
 
 from bridge.analysis.plots import new_figure
 from bridge.analysis.processor import cpu_time
 from bridge.demo.report import CPU, Check, conclude, fell, judge_speed
-from bridge.demo.stage import DemoConfig, Stage, timed
+from bridge.demo.stage import DemoConfig, Stage, Walk, timed
 from bridge.launch.graph import Graph
 from bridge.record.recording import Recording
 from bridge.record.render import render_filmstrip
@@ -31,11 +30,10 @@ from models.nodes import topics
 from models.nodes.grid_map import grid_map_type
 from models.nodes.messages import stamp_ns, to_seconds
 from models.nodes.qos import EVENT, SENSOR
-from models.nodes.status import subscribe_status
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.status import RouteState, RouteStatus
+from models.status import RouteState
 from models.terrain import Ground, Terrain, terrain_named
-from models.types import Matrix, Mode, Vector
+from models.types import Matrix, Vector
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import foothold_from_pose, pose_message
 from planners.nodes.gait_link import decode
@@ -72,24 +70,20 @@ class Landing(NamedTuple):
     errors: Vector  #: Height errors of the map under the sole, relative to the stance sole (n,) [m]
 
 
-class StairsWalk:
+class StairsWalk(Walk):
     """Walks to a goal behind the stairs, and records maps and footsteps."""
 
     def __init__(self, stage: Stage, scene: StairsScene) -> None:
-        self._stage, self._scene, node = stage, scene, stage.graph.node
-        self._routes: list[RouteStatus] = []
+        super().__init__(stage)
+        self._scene, node = scene, stage.graph.node
         self.maps: list[Any] = []
         self.planned: list[Footsteps] = []
         self.taken: list[tuple[float, Any]] = []  # stamp [s] and pose of each touchdown
-        self._walking = False
         self.delays: list[float] = []  # latency from light to the footholds planned on it [s]
         node.create_subscription(UInt8MultiArray, topics.GROUND_PLAN, self._on_plan, EVENT)
-        self._goals = node.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
-        subscribe_status(node, RouteStatus, topics.ROUTE_STATUS, self._routes.append)
         node.create_subscription(grid_map_type(), topics.TERRAIN_MAP, self.maps.append, SENSOR)
         node.create_subscription(Footsteps, topics.FOOTSTEPS, self.planned.append, EVENT)
         node.create_subscription(Footsteps, topics.FOOTSTEPS_TAKEN, self._on_taken, EVENT)
-        self._margin = node.create_subscription(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
 
     def play(self, distance: float) -> None:
         """Walk ahead by a distance [m] and stand. Raises ``PoiseError`` if the goal is refused or not reached."""
@@ -97,8 +91,7 @@ class StairsWalk:
         stage.watch(lambda: bool(self.maps), scene.map_limit, "no map of the ground was received")
         start = Foothold(*stage.observer.place)
         stage.graph.send("walk")
-        stage.watch(lambda: self._walking, stage.config.start_limit, "the robot does not begin to walk")
-        stage.graph.node.destroy_subscription(self._margin)
+        self._begin()
         stage.note(f"goal {distance:.1f} m ahead")
         self._goals.publish(pose_message(Foothold(*start.moved(distance, 0.0), start.yaw), topics.ODOM_FRAME))
         ended = lambda: bool(self._routes) and self._routes[-1].state is not RouteState.RUNNING  # noqa: E731
@@ -106,18 +99,13 @@ class StairsWalk:
         if self._routes[-1].state is not RouteState.DONE:
             raise PoiseError(f"the walk to the goal {self._routes[-1]}")
         stage.note("arrived")
-        stage.graph.send("stop")
-        stage.watch(lambda: stage.graph.mode == Mode.STAND.value, stage.config.walk_limit, "the robot does not stop")
+        self._stop()
         stage.pause(1.0)
 
     def _on_plan(self, message: UInt8MultiArray) -> None:
         answer = decode(Answer, message)
         if answer.steps:
             self.delays.append(self._stage.observer.stamp - answer.stamp)
-
-    def _on_margin(self, message: Float64) -> None:
-        """The gait planner publishes its margin once it controls the robot."""
-        self._walking = True
 
     def _on_taken(self, message: Footsteps) -> None:
         pose = message.poses[-1]
