@@ -194,7 +194,7 @@ class HardwareSession(Session):
 
     Attributes:
         robot: Process of the robot side.
-        start: Latest state of the start.
+        start: Latest state of the start; empty before the first one.
     """
 
     def __init__(
@@ -215,7 +215,7 @@ class HardwareSession(Session):
     ) -> None:
         os.environ["XDG_STATE_HOME"] = str(folder / "state")
         os.environ["ROS_DOMAIN_ID"] = str(graph_domain)
-        self.start: StartStatus | None = None
+        self.start = StartStatus("")
         self.robot = RobotProcess(
             side, robot_interface, folder, *options, command=command, domain=robot_domain, module=module
         )
@@ -254,21 +254,16 @@ class HardwareSession(Session):
     @property
     def waits_for(self) -> str:
         """Condition that the start waits for, with its reason; empty before the first state."""
-        return "" if self.start is None else self.start.waits_for
-
-    @property
-    def start_state(self) -> str:
-        """State of the start; empty before the first one."""
-        return "" if self.start is None else self.start.state
+        return self.start.waits_for
 
     def reach(self, state: str, limit: float = MODE_TIME) -> None:
         """Wait for a state of the start."""
-        self.graph.wait_for(lambda: self.start is not None and self.start.state == state, limit, f"state {state}")
+        self.graph.wait_for(lambda: self.start.state == state, limit, f"state {state}")
 
     def stand(self) -> None:
         """Go from the gantry to standing without rope; press the stop button if the start asks for it."""
-        self.wait_for(lambda: "press it" in self.waits_for or self.start_state == "gantry", "ready to start")
-        if self.start_state != "gantry":
+        self.wait_for(lambda: "press it" in self.waits_for or self.start.state == "gantry", "ready to start")
+        if self.start.state != "gantry":
             self.robot("press", BUTTONS.index("B"))
             self.wait_for(lambda: "button B of" in self.waits_for, "reporting the pressed button")
             self.robot("press")

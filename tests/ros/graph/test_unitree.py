@@ -93,7 +93,7 @@ def test_a_killed_driver_is_replaced_by_the_guard_and_then_only_damps(session: H
     os.kill(graph.pids["bridge.nodes.robot_driver"], signal.SIGKILL)
     graph.wait_for(lambda: damped(session), 20.0, "damping")
     assert session.robot("report")["received"] > received
-    graph.wait_for(lambda: session.start is not None and session.start.state == "damped", 60.0, "the next driver")
+    graph.wait_for(lambda: session.start.state == "damped", 60.0, "the next driver")
     assert "the driver ended without damping" in session.waits_for
     accepted, answer = graph.call("start/prepare")
     assert not accepted and "start it again" in answer
@@ -105,7 +105,7 @@ def test_faults_of_the_network_and_the_processes(session: HardwareSession) -> No
     graph = session.graph
 
     def held() -> bool:
-        return session.start is not None and "guard process silent for more than 1 s" in session.start.holds
+        return "guard process silent for more than 1 s" in session.start.holds
 
     for number in (signal.SIGKILL, signal.SIGSTOP):
         first = graph.pids["bridge.nodes.damping_guard"]
