@@ -12,11 +12,9 @@ import struct
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
-from pathlib import Path
 
 from bridge.plants.hardware import SESSION, real_robot
-from bridge.ros.environment import PROFILE_VARIABLE, ros_domain
+from bridge.ros.environment import LOOPBACK_PROFILE, PROFILE_VARIABLE, ros_domain
 from bridge.ros.processes import BRIDGE, ProcessSpec
 from models.errors import ConfigError
 from models.files import state_folder
@@ -52,7 +50,7 @@ def interface_address(name: str) -> str:
 def profile_text(address: str) -> str:
     """Fast DDS profile ``bridge/config/loopback.xml`` with an additional interface and multicast discovery."""
     ET.register_namespace("", _XML)
-    root = ET.fromstring((Path(str(files("bridge"))) / "config" / "loopback.xml").read_text(encoding="utf-8"))
+    root = ET.parse(LOOPBACK_PROFILE).getroot()
     if address != LOOPBACK:
         allowed = _one(root, "interfaceWhiteList")
         ET.SubElement(allowed, f"{{{_XML}}}address").text = address

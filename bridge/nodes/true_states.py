@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.cdr import stamp_of
+from models.nodes.cdr import numbers_of, stamp_of
 from models.nodes.messages import JointStateCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import SENSOR
@@ -46,8 +46,7 @@ class TrueStates:
         self._offer()
 
     def _on_obstacle(self, message: Any) -> None:
-        place = message.pose.position
-        self._on_centre(np.array([place.x, place.y, place.z]))
+        self._on_centre(numbers_of(message.pose.position))
 
     def _on_joints(self, data: bytes) -> None:
         self._joints = data

@@ -28,6 +28,8 @@ from models.types import JointCommand, SensorData
 
 SESSION = "POISE_SESSION"  #: Environment variable with the number of a graph, hexadecimal
 MILLISECONDS = 0.001  #: Tick of a millisecond counter [s]
+#: Finding after ``close``
+CLOSED = "the connection was closed when the driver was deactivated: clean up the driver and configure it again"
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -5,7 +5,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from bridge.plants.hardware import RealPlant, RobotClock, RobotConnection, real_robot, session
+from bridge.plants.hardware import CLOSED, RealPlant, RobotClock, RobotConnection, real_robot, session
 from bridge.plants.monitors import HardwareMonitor, LowSample
 from controllers.joints.joint_servo import damping_command
 from models.errors import ConfigError, MessageError
@@ -141,9 +141,7 @@ class LowLevelPlant(RealPlant, Generic[SampleT]):
         """Failed checks of the robot's messages."""
         sample, found = self._sample, list[str]()
         if self._closed:
-            return (
-                "the connection was closed when the driver was deactivated: clean up the driver and configure it again",
-            )
+            return (CLOSED,)
         if sample is None:
             why = f"; refused: {self._why}" if self._why else ", check cable, address and domain"
             return (f"no {self.state_name} on {self._where}{why}",)

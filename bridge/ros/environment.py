@@ -29,6 +29,7 @@ from models.numerics.threads import THREAD_VARIABLES
 
 #: Variable that Fast DDS of ROS 2 Jazzy reads; it ignores the newer name ``FASTDDS_...``
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+LOOPBACK_PROFILE = Path(str(files("bridge"))) / "config" / "loopback.xml"
 #: Port of domain 0, ports per domain, and the last domain below Linux's ephemeral ports (DDSI-RTPS 9.6.1)
 DISCOVERY_PORT, DOMAIN_STEP, DOMAIN_MAX = 7400, 250, 101
 LAST_DOMAIN = 232  #: Largest domain with valid DDS ports
@@ -61,7 +62,7 @@ def graph_environment(*, domain_id: int | None = None, network: bool = False) ->
     variables = dict.fromkeys(THREAD_VARIABLES, "1")
     variables[SUPERVISED] = "1"
     variables["ROS_DOMAIN_ID"] = str(ros_domain(domain_id))
-    profile = str(Path(str(files("bridge"))) / "config" / "loopback.xml")
+    profile = str(LOOPBACK_PROFILE)
     if not network and os.environ.get(PROFILE_VARIABLE, profile) == profile:
         variables[PROFILE_VARIABLE] = profile
         variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"  # any other value overrides the profile

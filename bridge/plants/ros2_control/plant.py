@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from bridge.plants.hardware import Finding, ForeignCommands, Level, RealPlant, RobotClock, real_robot
+from bridge.plants.hardware import CLOSED, Finding, ForeignCommands, Level, RealPlant, RobotClock, real_robot
 from bridge.plants.ros2_control.commands import GUARD, command_codec, driver_mark
 from bridge.plants.ros2_control.config import COMMAND, FEET, IMU, JOINTS, read_config, sources
 from bridge.plants.ros2_control.link import ControlLink, Message, RosLink
@@ -21,7 +21,6 @@ from models.types import JointCommand, SensorData
 
 NANOSECOND = 1.0 / NANOSECONDS  #: [s]
 ACTIVE = "active"  #: State of a controller that runs
-_CLOSED = "the connection was closed when the driver was deactivated: clean up the driver and configure it again"
 
 
 class Ros2ControlPlant(RealPlant):
@@ -205,7 +204,7 @@ class Ros2ControlPlant(RealPlant):
     def findings(self) -> tuple[str, ...]:
         """Failed checks of messages and controllers."""
         if self._closed:
-            return (_CLOSED,)
+            return (CLOSED,)
         topics, found = self.config.topic_of, []
         for source in self._sources:
             if source in self._why:
