@@ -23,7 +23,7 @@ from bridge.plants.ros2_control.guard import ControlGuard
 from bridge.plants.ros2_control.link import Message
 from bridge.plants.ros2_control.plant import Ros2ControlPlant
 from bridge.plants.ros2_control.simulated import ControlledRobot, DirectControlLink
-from bridge.plants.unitree.codec import BUTTONS
+from bridge.plants.unitree.codec import BUTTONS, PRESS_IT
 from bridge.plants.unitree.guard import DampingGuard
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.simulated import DirectLink, GantryRobot
@@ -283,7 +283,7 @@ class HardwareLoop(PlantLoop[GantryRobot, DirectLink, UnitreePlant, DampingGuard
 
     def step(self) -> None:
         """One tick; the stop button of the remote controller is tested when the start requests it."""
-        asked = self.tries_stop_button and not self.plant.tried and "press it" in self.startup.waits_for
+        asked = self.tries_stop_button and not self.plant.tried and PRESS_IT in self.startup.waits_for
         if asked:
             self.side.press(self._stop_button)
         super().step()

@@ -20,7 +20,7 @@ from benchmarks.graph.graph_kinds import User
 from benchmarks.graph.robot_process import UNITREE_SIDE, RobotProcess
 from bridge.launch.graph import Graph
 from bridge.launch.hardware import hardware_options
-from bridge.plants.unitree.codec import BUTTONS
+from bridge.plants.unitree.codec import BUTTONS, PRESS_IT
 from bridge.ros.processes import process_specs
 from models.errors import PoiseError
 from models.heading import heading, turned
@@ -262,7 +262,7 @@ class HardwareSession(Session):
 
     def stand(self) -> None:
         """Go from the gantry to standing without rope; press the stop button if the start asks for it."""
-        self.wait_for(lambda: "press it" in self.waits_for or self.start.state == "gantry", "ready to start")
+        self.wait_for(lambda: PRESS_IT in self.waits_for or self.start.state == "gantry", "ready to start")
         if self.start.state != "gantry":
             self.robot("press", BUTTONS.index("B"))
             self.wait_for(lambda: "button B of" in self.waits_for, "reporting the pressed button")

@@ -30,6 +30,7 @@ MARK, GUARD_MARK = 0x504F4953, 0x504F4947
 _MARK_AT, _SESSION_AT = -20, -12  #: Offsets of that word and of the session from the end of a serialised LowCmd [bytes]
 #: Buttons of the remote controller by bit, from byte 2 of ``wireless_remote``
 BUTTONS = ("R1", "L1", "start", "select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left")
+PRESS_IT = "press it, to check that it is received"  #: Part of the finding that asks for a stop button
 _XYZW = [1, 2, 3, 0]  #: Indices that reorder a quaternion from wxyz to xyzw
 _BUTTONS_AT = 2  #: Offset of the first eight buttons in ``wireless_remote`` [bytes]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from bridge.plants.hardware import RobotClock, real_robot
 from bridge.plants.low_level import LowLevelPlant
-from bridge.plants.unitree.codec import BUTTONS, UnitreeCodec, UnitreeSample, is_foreign, joint_command
+from bridge.plants.unitree.codec import BUTTONS, PRESS_IT, UnitreeCodec, UnitreeSample, is_foreign, joint_command
 from bridge.plants.unitree.link import DdsLink, RobotLink
 from bridge.plants.unitree.wire import LOW_CMD
 from models.errors import ConfigError
@@ -125,7 +125,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         if self.tried:
             return []
         buttons = " or ".join(self._hardware.stop_buttons)
-        return [f"the stop button of the remote controller, {buttons}: press it, to check that it is received"]
+        return [f"the stop button of the remote controller, {buttons}: {PRESS_IT}"]
 
     @property
     def remote_age(self) -> float | None:
