@@ -83,7 +83,7 @@ def decode(kind: type[T], message: Any) -> T:
     """Record in a message; ``MessageError`` names a field of a wrong type."""
     try:
         return msgpack.decode(bytes(message.data), type=kind, dec_hook=_array)
-    except MsgspecError as error:
+    except (MsgspecError, UnicodeDecodeError, RecursionError) as error:  # the last two: invalid text, deep nesting
         raise MessageError(f"{kind.__name__}: {error}") from error
 
 

@@ -23,6 +23,7 @@ from planners.gait.route import Footstep
 from planners.nodes.footstep_messages import pose_message
 from planners.nodes.gait_link import GaitCommand, GaitReport, TakeSteps, WalkTo, decode, encode
 from planners.nodes.gait_planner import GaitPlannerNode
+from planners.terrain.ground_route import Answer
 from tests.support import standing
 
 pytestmark = pytest.mark.ros
@@ -171,6 +172,12 @@ def test_a_record_keeps_every_bit_of_the_gait(linked: Linked) -> None:
     assert encode(decode(GaitReport, encode(report))) == encode(report)
     with pytest.raises(MessageError, match="GaitReport"):
         decode(GaitReport, encode(GaitCommand()))
+
+
+@pytest.mark.parametrize("data", [b"\x82\xa6reason\xa1\xff\xa6number\x01", b"\x81\xa1x" + 100_000 * b"\x91" + b"\xc0"])
+def test_invalid_text_and_deep_nesting_are_refused_like_any_malformed_record(data: bytes) -> None:
+    with pytest.raises(MessageError, match="Answer"):
+        decode(Answer, UInt8MultiArray(data=array("B", data)))
 
 
 def test_without_a_planner_the_gait_stops_and_a_new_planner_begins_anew(linked: Linked, bench: Any) -> None:
