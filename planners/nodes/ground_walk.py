@@ -145,11 +145,11 @@ class GroundWalk:
 
     def admit(self, velocity: Velocity) -> Velocity:
         """The part of a commanded velocity that the gait may walk at; zero where planned footsteps take over."""
-        if velocity != STILL and self._goal is not None:
+        if self._goal is not None:
+            if velocity == STILL:
+                return STILL
             self.cancel("a velocity was commanded")
         stopped = self._stage in _STOPPED
-        if self._goal is not None:
-            return STILL if stopped else velocity
         moves = _speed(velocity) > self._config.speed_min
         continues = moves and abs(wrap(_bearing(velocity) - self._direction)) <= self._config.cone
         if stopped and continues:
@@ -162,7 +162,7 @@ class GroundWalk:
             return velocity
         if stopped:
             self._stack.stop()
-        self.cancel("")
+        self.cancel(self.outcome)  # that of a goal is kept until it is published
         self._velocity, self._steps = velocity, -1
         if moves:
             self._stage, self._direction = _Stage.BLIND, _bearing(velocity)

@@ -383,6 +383,19 @@ def test_a_late_answer_counts_for_the_command_that_it_was_asked_for(bench: Any, 
     assert robot.stack.gait.state.command.moves != present
 
 
+def test_a_velocity_ends_a_goal_that_awaits_an_answer_with_its_reason(bench: Any, g1: RobotModel) -> None:
+    robot = Guided(bench, g1)
+    robot.go(1.0)
+    robot.send(Answer(robot.ask().number, level=True))
+    robot.stack.gait.end_route("done")
+    robot.until(lambda: robot.routes[-1].state is RouteState.DONE)
+    robot.go(1.0)
+    robot.ask()
+    robot.drive(0.3)
+    robot.until(lambda: robot.routes[-1].state is RouteState.ENDED)
+    assert robot.routes[-1].reason == "a velocity was commanded"
+
+
 def test_stop_ends_a_plan(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.go(2.0)
