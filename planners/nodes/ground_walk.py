@@ -184,7 +184,7 @@ class GroundWalk:
                 elif law.steps != self._steps and self._has_planner():
                     self._watch(_Stage.BLIND)
             case _Stage.STOP:
-                if law.settled:
+                if law.settled and not law.route.left:  # a turn that has just been commanded has not begun yet
                     self._begin()
             case _Stage.ROUTE:
                 self._follow(t)

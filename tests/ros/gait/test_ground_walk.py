@@ -163,6 +163,20 @@ def test_to_a_goal_beyond_stairs_it_follows_plans_and_says_what_ends_them(bench:
     assert robot.routes[-1].reason == WALL
 
 
+def test_a_turn_to_the_goal_is_commanded_once(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also if the state of the gait, from another process, does not follow at once."""
+    robot, goals = Guided(bench, g1), list[Foothold]()
+    walk_to = robot.stack.walk_to
+    monkeypatch.setattr(robot.stack, "walk_to", lambda goal: [goals.append(goal), walk_to(goal)])
+    robot.go(0.0, 2.0)
+    robot.send(Answer(robot.ask().number))
+    robot.until(lambda: goals)
+    assert robot.left and robot.stack.gait.settled
+    for _ in range(3):
+        robot.node.publish(robot.stamp)
+    assert len(goals) == 1
+
+
 def test_told_so_it_walks_to_a_goal_around_what_is_in_the_way(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.node.set_parameters([Parameter("around", value=True)])
