@@ -1,10 +1,10 @@
 """Node ``ground_planner``: plans footsteps on the map of the ground, on request."""
 
+import math
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.serialization import deserialize_message
 from std_msgs.msg import UInt8MultiArray
 
 from models.config import default_config
@@ -12,11 +12,13 @@ from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.grid_map import grid_map_type, layer_of
+from models.nodes.messages import decode as decode_message
 from models.nodes.messages import stamp_ns, to_seconds
 from models.nodes.parameters import declare, declare_config
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import program
 from planners.gait.scaling import load_gait_config
+from planners.nodes.footstep_messages import require_odom
 from planners.nodes.gait_link import decode, encode
 from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner
@@ -25,10 +27,14 @@ from planners.terrain.ground_route import Answer, Request, answer_request
 
 
 def ground_from_message(message: Any) -> Heights:
-    """Ground heights in ``odom`` of a grid_map_msgs/GridMap; ``MessageError`` without elevation or resolution."""
+    """Ground heights in ``odom`` of a grid_map_msgs/GridMap.
+
+    Raises ``MessageError`` for another frame, without elevations, or for a size that is not positive and finite.
+    """
+    require_odom("map", message.header.frame_id)
     values, cell, centre = layer_of(message, "elevation"), float(message.info.resolution), message.info.pose.position
-    if not cell > 0.0:
-        raise MessageError(f"info.resolution is {cell}")
+    if not (cell > 0.0 and values.size and math.isfinite(cell + centre.x + centre.y)):
+        raise MessageError(f"info.resolution is {cell}, the centre ({centre.x}, {centre.y}), the size {values.shape}")
     x, y = (middle - 0.5 * count * cell for middle, count in zip((centre.x, centre.y), values.shape, strict=True))
     return Heights(values, (x, y), cell).closed()
 
@@ -77,12 +83,19 @@ class GroundPlannerNode(PoiseNode):
         self._answers.publish(encode(answer))
 
     def _ground(self, stamp: float) -> tuple[Heights, float] | None:
-        """The newest map and its stamp [s]; None if that is more than ``map_age_max`` from the given stamp [s]."""
+        """The newest map and its stamp [s]; None if that is more than ``map_age_max`` from the given stamp [s].
+
+        A malformed map is refused and not used.
+        """
         if self._map is None:
             return None
-        message = deserialize_message(self._map, self._kind)
-        seen = to_seconds(stamp_ns(message.header.stamp))
-        return (ground_from_message(message), seen) if abs(stamp - seen) <= self._age_max else None
+        try:
+            message = decode_message(self._map, self._kind)
+            seen = to_seconds(stamp_ns(message.header.stamp))
+            return (ground_from_message(message), seen) if abs(stamp - seen) <= self._age_max else None
+        except MessageError as error:
+            self.refuse(topics.TERRAIN_MAP, error)
+            return None
 
     def before_diagnostics(self) -> None:
         if not self.active:

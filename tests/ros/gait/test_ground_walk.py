@@ -1,6 +1,7 @@
 """Walks on the map: level ground, what is not, what cannot be stepped on; and the node that plans."""
 
 import math
+import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -24,7 +25,7 @@ from planners.gait.route import Footstep, soles_at
 from planners.gait.tread import Tread
 from planners.nodes.footstep_messages import pose_message
 from planners.nodes.gait_link import decode, encode
-from planners.nodes.ground_planner import GroundPlannerNode
+from planners.nodes.ground_planner import GroundPlannerNode, ground_from_message
 from planners.terrain.footholds import GroundQuery
 from planners.terrain.ground_route import Answer, Request
 from tests.ros.gait.standing_gait import MS, StandingGait
@@ -455,3 +456,28 @@ def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotMod
     requests.publish(UInt8MultiArray(data=[1, 2, 3]))
     bench.wait(lambda: node.counters[f"refused {topics.GROUND_REQUEST}"] == 1)
     assert math.isfinite(node._took)
+    node._map = node._map[:50]
+    assert ask(7, 5.1).blind and node.counters[f"refused {topics.TERRAIN_MAP}"] == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "culprit"),
+    [
+        ({"header.frame_id": "map"}, "'map' instead of 'odom'"),
+        ({"info.resolution": 0.0}, "info.resolution is 0.0"),
+        ({"info.resolution": math.inf}, "info.resolution is inf"),
+        ({"info.pose.position.y": math.nan}, "the centre"),
+        ({"size": 0}, "the size"),
+    ],
+)
+def test_a_malformed_map_is_refused(change: dict[str, Any], culprit: str) -> None:
+    try:
+        size = change.pop("size", 5)
+        message = grid_map_message(0, np.zeros(2), 0.02, {"elevation": np.zeros((size, size))}, "elevation")
+    except MessageError as error:
+        pytest.skip(str(error))
+    for path, value in change.items():
+        part, _, name = path.rpartition(".")
+        setattr(operator.attrgetter(part)(message), name, value)
+    with pytest.raises(MessageError, match=culprit):
+        ground_from_message(message)
