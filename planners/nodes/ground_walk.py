@@ -208,6 +208,7 @@ class GroundWalk:
         feet, here = self._law.footholds, middle(self._law.footholds)
         config = self._config
         far = (config.ahead if self._leads_ahead else config.beside) + config.preview_time * _speed(self._velocity)
+        far = min(far, config.line_length)  # the velocity is not limited yet
         line = structs.replace(here, yaw=here.yaw + _bearing(self._velocity))
         if (goal := self._target) is not None:
             ahead, way = self._way_to(goal)

@@ -360,6 +360,13 @@ def test_the_ground_is_watched_along_an_oblique_velocity(bench: Any, g1: RobotMo
     assert not robot.stack.gait.state.command.moves
 
 
+@pytest.mark.parametrize("speed", [1e6, 1.5e308])
+def test_the_ground_is_watched_no_farther_than_a_plan_at_any_velocity(bench: Any, g1: RobotModel, speed: float) -> None:
+    robot = Guided(bench, g1)
+    robot.drive(speed, speed)
+    assert robot.ask().query.distance == 20.0
+
+
 @pytest.mark.parametrize(
     ("velocity", "bearing", "where"),
     [((0.0, 0.2), 90.0, "to the left"), ((0.0, -0.2), -90.0, "to the right"), ((-0.2, 0.0), 180.0, "behind")],
