@@ -62,7 +62,7 @@ def load_given_map(file: Path) -> Heights:
             mode = opened.mode
     except OSError as error:  # also UnidentifiedImageError
         raise ConfigError(f"{file}: image: {image}: {error.strerror or 'not an image'}") from None
-    except Image.DecompressionBombError as error:
+    except (Image.DecompressionBombError, SyntaxError, ValueError) as error:  # the last two: a damaged PNG
         raise ConfigError(f"{file}: image: {error}") from None
     if not mode.startswith("I") or pixels.ndim != 2:
         raise ConfigError(f"{file}: image: {image} has pixels of mode '{mode}'; save it as a 16-bit grey PNG")

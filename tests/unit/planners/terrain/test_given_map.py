@@ -55,6 +55,15 @@ def test_a_malformed_map_is_refused_by_name(tmp_path: Path, lines: str, reason: 
     assert "map.yaml" in str(caught.value)
 
 
+def test_a_damaged_image_is_refused_by_name(tmp_path: Path) -> None:
+    image = save_given_map(tmp_path / "map.yaml", Heights(np.zeros((4, 3)), (0.0, 0.0), 0.1))
+    data = image.read_bytes()
+    begin = data.index(b"IDAT")
+    image.write_bytes(data[: begin - 1] + b"\x05" + data[begin : begin + 9] + bytes(48))  # the first part is too short
+    with pytest.raises(ConfigError, match=r"map\.yaml: image: broken PNG file"):
+        load_given_map(tmp_path / "map.yaml")
+
+
 @pytest.mark.parametrize("name", ["map.png", "nowhere/map.yaml"])
 def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(name)):
