@@ -110,7 +110,7 @@ class GroundWalk:
     @property
     def busy(self) -> bool:
         """Whether a walk to a goal is in progress, with or without a route of the gait."""
-        return self._goal is not None and self._stage not in (_Stage.IDLE, _Stage.BLOCKED)
+        return self._goal is not None
 
     def go(self, goal: Foothold) -> int:
         """Walk to a goal; returns the number of footsteps on level ground. Raises as ``plan_to_pose``."""
