@@ -7,7 +7,7 @@ import numpy as np
 from models.errors import UnreachableError
 from models.types import Matrix
 from planners.gait.footsteps import Foothold
-from planners.terrain.elevation_map import Heights, off_level
+from planners.terrain.elevation_map import Heights, lattice, off_level
 from planners.terrain.ground_config import PlanConfig
 
 _FINE = 0.05  #: Spacing of the lateral offsets that are tried [m]
@@ -22,8 +22,7 @@ def detour(ground: Heights, line: Foothold, distance: float, clearance: float, c
     cell, half = ground.cell, 0.5 * ground.cell * len(ground.values)
     reach = cell * np.hypot(*ground.values.shape)  # no ground is known beyond
     ways, sides = np.arange(0.0, min(distance, reach) + clearance, cell), np.arange(-half, half, cell)
-    places = np.array([line.moved(way, side) for way in ways.tolist() for side in sides.tolist()])
-    heights: Matrix = ground.at(places).reshape(len(ways), len(sides))
+    heights: Matrix = ground.at(lattice(line, ways, sides)).reshape(len(ways), len(sides))
     off = off_level(heights, line.z, config.level)
 
     def free(begin: float, end: float, side: float) -> bool:

@@ -6,11 +6,12 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from models.numerics.compiled import njit
 from models.types import Matrix, Vector
+from planners.gait.footsteps import Foothold
 from planners.terrain.config import TerrainMapConfig
 
 _NEIGHBOURS = 5  #: Least number of known neighbours, of 8, for a hole to be closed
@@ -70,6 +71,13 @@ class Heights(NamedTuple):
         values = self.values.copy()
         values[hole] = 0.5 * (low[hole] + high[hole])
         return self._replace(values=values)
+
+
+def lattice(line: Foothold, ways: ArrayLike, sides: ArrayLike) -> Matrix:
+    """Points in W (n m, 2) [m] at ``ways`` along a line (n,) and ``sides`` across it (m,) [m], row by row."""
+    along, across = (each.ravel() for each in np.meshgrid(ways, sides, indexing="ij"))
+    c, s = math.cos(line.yaw), math.sin(line.yaw)
+    return np.stack([line.x + c * along - s * across, line.y + s * along + c * across], axis=-1)
 
 
 def level_offset(heights: Vector, known: float, roughness: float) -> float | None:

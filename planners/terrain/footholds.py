@@ -8,18 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct, structs
-from numpy.typing import ArrayLike
 
 from models.config import default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel
-from models.types import Matrix, Vector
+from models.types import Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, RIGHT, Feet, Foothold, rotated
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.tread import Tread
 from planners.terrain.config import TerrainMapConfig
-from planners.terrain.elevation_map import Heights, level_offset, off_level
+from planners.terrain.elevation_map import Heights, lattice, level_offset, off_level
 from planners.terrain.footstep_search import FootstepSearch, Places, Step
 from planners.terrain.ground_config import GroundConfig, PlanConfig
 from planners.terrain.survey import GRID, SoleSurvey
@@ -78,7 +77,7 @@ class GroundPlanner:
             x, y = self._ground.points.T
             ways, sides = x.max() + np.arange(0.0, limits.distance, ground.cell), np.unique(y)
             error = level_offset(
-                np.concatenate([ground.at(_lattice(sole, ways, sides)) - sole.z for sole in query.feet]),
+                np.concatenate([ground.at(lattice(sole, ways, sides)) - sole.z for sole in query.feet]),
                 limits.known,
                 self._roughness,
             )
@@ -97,7 +96,7 @@ class GroundPlanner:
         shift, aside = self.config.shift, self.config.aside
         ways = np.arange(begin, begin + self.config.short_way, ground.cell)
         sides = np.arange(-shift - aside, shift + aside, ground.cell)
-        heights = ground.at(_lattice(query.line, ways, sides))
+        heights = ground.at(lattice(query.line, ways, sides))
         if (heights > max(sole.z for sole in query.feet) + self._limits.rise).any():
             return found
         for side in (shift, -shift):
@@ -144,7 +143,7 @@ class GroundPlanner:
         start = min(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
         ways = np.arange(start, query.distance + self._ground.points[:, 0].max(), ground.cell)
         sides = np.arange(-half, half + 1e-6, ground.cell)
-        heights = ground.at(_lattice(query.line, ways, sides)).reshape(len(ways), len(sides))
+        heights = ground.at(lattice(query.line, ways, sides)).reshape(len(ways), len(sides))
         level = float(np.mean([sole.z for sole in query.feet]))
         unknown = np.isnan(heights)
         if unknown.any():
@@ -192,7 +191,7 @@ class GroundPlanner:
     def _obstacle(self, ground: Heights, stance: Foothold, yaw: float) -> str:
         """Reason why no foot can be placed ahead of a stance foot."""
         reach, pose = self._gait.reach, Foothold(stance.x, stance.y, yaw)
-        rises = ground.at(_lattice(pose, np.arange(_AHEAD_MIN, reach.forward, 0.02), 0.0)) - stance.z
+        rises = ground.at(lattice(pose, np.arange(_AHEAD_MIN, reach.forward, 0.02), 0.0)) - stance.z
         beyond = rises[np.abs(rises) > reach.rise]
         if len(beyond):
             rise = float(np.median(beyond[np.sign(beyond) == np.sign(beyond[0])]))  # of the sign that comes first
@@ -204,13 +203,6 @@ class GroundPlanner:
         over = float(rises.max())
         most = self._limits.over
         return why if over <= most else f"{why}, and it is {over:.2f} m higher, at most {most:.2f} m to step over"
-
-
-def _lattice(line: Foothold, ways: ArrayLike, sides: ArrayLike) -> Matrix:
-    """Points in W (n m, 2) [m] at ``ways`` along a line (n,) and ``sides`` across it (m,) [m], row by row."""
-    along, across = (each.ravel() for each in np.meshgrid(ways, sides, indexing="ij"))
-    c, s = math.cos(line.yaw), math.sin(line.yaw)
-    return np.stack([line.x + c * along - s * across, line.y + s * along + c * across], axis=-1)
 
 
 def _footstep(line: Foothold, places: Places, step: Step, beside: float) -> Footstep:
