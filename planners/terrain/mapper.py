@@ -160,9 +160,9 @@ class TerrainMapper:
             self.reference, self._anchor, self._checked = height, other, False
         elif contacts[anchor] and not contacts[other] and not self._checked:
             self._checked = True
-            self._compare_below(anchor, soles[anchor])
+            self._compare_below(anchor)
         elif all(contacts) and np.isnan(self.residual):
-            self._compare_ahead(soles)
+            self._compare_ahead()
         self._swinging = not contacts[1 - self._anchor]
 
     def _fill(self, posture: Posture) -> None:
@@ -172,40 +172,37 @@ class TerrainMapper:
         self.map.move_to(*posture.q[:2])
         if self.covered and (self.map.origin == self._filled).all():
             return  # there are no new cells
-        sole = self._data.oMf[self.robot.feet[self._anchor].frame_id]
-        below = self._given.at(self._points_of(self._anchor, sole, *self.robot.feet[self._anchor].rectangle[:2])[:, :2])
+        below = self._given.at(self._points_of(self._anchor, *self.robot.feet[self._anchor].rectangle[:2])[:, :2])
         self.covered = bool(np.isfinite(below).any())
         if self.covered:
             self._filled = self.map.origin
             self.map.fill(self._given, float(np.nanmedian(below)), self.config.given_deviation**2)
 
-    def _heights(self, foot: int, sole: pin.SE3, x_min: float, x_max: float) -> Vector:
+    def _heights(self, foot: int, x_min: float, x_max: float) -> Vector:
         """Heights (n,) [m] of a sole plane above the map, from x_min to x_max [m] along it; nan if not measured."""
-        points = self._points_of(foot, sole, x_min, x_max)
+        points = self._points_of(foot, x_min, x_max)
         heights: Vector = points[:, 2] - self.reference - self.map.at(points[:, :2], measured=True)
         return heights
 
-    def _points_of(self, foot: int, sole: pin.SE3, x_min: float, x_max: float) -> Matrix:
+    def _points_of(self, foot: int, x_min: float, x_max: float) -> Matrix:
         """Points in W (n, 3) [m] on the plane of a sole, from x_min to x_max [m] along it."""
-        _, _, y_min, y_max = self.robot.feet[foot].rectangle
+        sole, (_, _, y_min, y_max) = self._data.oMf[self.robot.feet[foot].frame_id], self.robot.feet[foot].rectangle
         xs, ys = np.arange(x_min, x_max, self.map.cell), np.arange(y_min, y_max, self.map.cell)
         local = np.stack(np.meshgrid(xs, ys, 0.0, indexing="ij"), axis=-1).reshape(-1, 3)
         points: Matrix = local @ sole.rotation.T + sole.translation
         return points
 
-    def _compare_below(self, foot: int, sole: pin.SE3) -> None:
+    def _compare_below(self, foot: int) -> None:
         """Measure the height of a sole above the map below it, if that is level."""
         self._variance += self.config.feet.drift**2
-        heights = self._heights(foot, sole, *self.robot.feet[foot].rectangle[:2])
+        heights = self._heights(foot, *self.robot.feet[foot].rectangle[:2])
         if not np.isnan(heights).any() and np.ptp(heights) <= 2.0 * self.config.patches.roughness:
             self._correct(float(np.median(heights)), self.config.feet.below)
 
-    def _compare_ahead(self, soles: list[pin.SE3]) -> None:
+    def _compare_ahead(self) -> None:
         """Measure the height of both soles above the map ahead of them, if that is level."""
         feet, toes = self.config.feet, [foot.rectangle[1] for foot in self.robot.feet]
-        heights = np.concatenate(
-            [self._heights(foot, soles[foot], toes[foot], toes[foot] + feet.distance) for foot in (0, 1)]
-        )
+        heights = np.concatenate([self._heights(foot, toe, toe + feet.distance) for foot, toe in enumerate(toes)])
         residual = level_offset(heights, feet.known, self.config.patches.roughness)
         if residual is not None:
             self._correct(residual, feet.ahead)
