@@ -42,14 +42,15 @@ def stair_stations(stairs: Stairs, heel: float, toe: float, stride: float, edge:
     ``heel`` and ``toe`` are the extents of the sole behind and ahead of its frame [m]. On every tread, and next to the
     stairs on both levels, the sole is ``edge`` [m] from the edge of the tread. This is the largest distance from the
     riser, which knee, shin or heel might touch. On the levels, positions are at most ``stride`` [m] apart. Raises
-    ``UnreachableError`` if a tread is too short.
+    ``UnreachableError`` if a tread or the landing is too short.
     """
-    spare = stairs.tread - heel - toe - 2.0 * edge
-    if spare < 0.0:
-        raise UnreachableError(
-            f"treads of {stairs.tread:.3f} m: at least {heel + toe + 2.0 * edge:.3f} m for this robot's sole"
-        )
-    wall = edge + spare  # distance from the sole to the riser
+    for what, depth in (("a landing", stairs.landing), ("treads", stairs.tread)):
+        spare = depth - heel - toe - 2.0 * edge
+        if spare < 0.0:
+            raise UnreachableError(
+                f"{what} of {depth:.3f} m: at least {heel + toe + 2.0 * edge:.3f} m for this robot's sole"
+            )
+    wall = edge + spare  # distance from the sole to the riser of a tread
     sides = ((edge, wall), (wall, edge)) if stairs.rise > 0.0 else ((wall, edge), (edge, wall))
     end = stairs.ahead + (stairs.count - 1) * stairs.tread + stairs.landing
     stations: list[Station] = []
@@ -84,7 +85,7 @@ def stair_footsteps(
 
     With ``together``, both feet step on every tread, one after the other; otherwise each foot steps on every second
     tread. A sole may move on its tread up to ``swing.edge`` from front and rear edge, and sideways up to the side of
-    the stairs. Raises ``UnreachableError`` if a tread is too short or too narrow.
+    the stairs. Raises ``UnreachableError`` if a tread or the landing is too short or too narrow.
     """
     width, edge = config.reach.width, config.swing.edge
     heel, toe = -model.feet[LEFT].rectangle[0], model.feet[LEFT].rectangle[1]

@@ -175,7 +175,11 @@ def test_footsteps_over_stairs_can_be_taken_and_are_on_the_treads(together: bool
 
 
 def test_treads_without_room_are_refused() -> None:
-    for fields, reason in (({"tread": 0.2}, "at least 0.230 m"), ({"width": 0.2}, "too narrow for soles")):
+    for fields, reason in (
+        ({"tread": 0.2}, "treads of 0.200 m: at least 0.230 m"),
+        ({"landing": 0.1}, "a landing of 0.100 m: at least 0.230 m"),
+        ({"width": 0.2}, "too narrow for soles"),
+    ):
         with pytest.raises(UnreachableError, match=reason):
             stair_footsteps(structs.replace(STAIRS, **fields), ORIGIN, G1, GAIT)
 
