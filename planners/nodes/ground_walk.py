@@ -90,7 +90,7 @@ class GroundWalk:
         self._law, self._stack, self._report = law, stack, report
         self._blocked = self._unmapped = ""  # last reported reasons
         self._config, route = config
-        self._route = GroundRoute(law, stack, route)
+        self._route, self._arrived = GroundRoute(law, stack, route), route.arrived
         self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
         self._around = lambda: bool(node.get_parameter(_AROUND).value)
@@ -295,7 +295,8 @@ class GroundWalk:
         if self._beside:
             self._finish(f"the robot stands {self._beside:.2f} m beside the goal, and the ground between is not level")
             return
-        if abs(wrap(line.yaw - here.yaw)) > self._config.turn_min:
+        # at the goal, the direction to it is arbitrary
+        if way > self._arrived and abs(wrap(line.yaw - here.yaw)) > self._config.turn_min:
             self._walk_to(line, _Stage.STOP)
             return
         if self._around():

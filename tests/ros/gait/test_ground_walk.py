@@ -178,6 +178,19 @@ def test_a_turn_to_the_goal_is_commanded_once(bench: Any, g1: RobotModel, monkey
     assert len(goals) == 1
 
 
+def test_at_the_place_of_its_goal_it_turns_to_the_heading_of_the_goal_only(bench: Any, g1: RobotModel) -> None:
+    """The direction to the goal is arbitrary there, also where the ground is not level."""
+    robot = Guided(bench, g1)
+    robot.goal.publish(pose_message(Foothold(-0.01, 0.0, 0.5), topics.ODOM_FRAME))
+    request = robot.ask()
+    assert request.query.line.yaw == 0.0
+    robot.send(Answer(request.number))
+    robot.until(lambda: robot.left)
+    assert middle(robot.stack.gait.soles_after(robot.left)).yaw == pytest.approx(0.5, abs=0.01)
+    robot.stack.gait.end_route("done")
+    robot.until(lambda: robot.routes[-1].state is RouteState.DONE)
+
+
 def test_told_so_it_walks_to_a_goal_around_what_is_in_the_way(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.node.set_parameters([Parameter("around", value=True)])
