@@ -72,7 +72,7 @@ def test_a_silent_robot_has_no_values_and_every_change_is_logged(
 @pytest.mark.parametrize(
     ("plant", "robot", "options", "reason"),
     [
-        ("unitree", "g1_hardware", "{remte: false}", "unknown options remte; known: .*remote$"),
+        ("unitree", "g1_hardware", "{remte: false}", "unknown options remte; known: .*remote, speed$"),
         ("unitree", "g1_hardware", "{rate: 250.0}", "500 or 1000 Hz"),
         ("unitree", "talos_hardware", "", "as g1_hardware has"),
         ("unitree", "g9.yaml", "", "g9.yaml: cannot be read"),
