@@ -19,7 +19,6 @@ UNITREE, BOOSTER, ROS2_CONTROL = "unitree", "booster", "ros2_control"
 PLANTS = (UNITREE, BOOSTER, ROS2_CONTROL)  #: Plants of real robots, by name
 #: Profile of the real robot by the profile of the simulated robot
 PROFILES = {"g1": "g1_hardware", "talos": "talos_hardware"}
-UNITREE_RATE = 500  #: Default rate [Hz]
 
 
 def hardware_options(
@@ -50,10 +49,9 @@ def hardware_options(
     ending = overlaid(default_config(EndConfig, "bridge", "ending"), {"at_end": end} if end else {}, "at_end")
     for name in ("network_interface", "domain", "at_end"):
         given.pop(name, None)
-    if rate_of_states is None and plant == UNITREE:
-        rate_of_states = float(UNITREE_RATE)
     if rate_of_states is not None:
         given["rate"] = rate_of_states
+    speed = 1.0
     if plant == ROS2_CONTROL:
         from bridge.plants.ros2_control.config import read_config
 
@@ -63,9 +61,11 @@ def hardware_options(
 
         rate_of_states = read_booster_config(given).rate
     else:
-        rate_of_states = given["rate"]
+        from bridge.plants.unitree.codec import read_times
+
+        rate_of_states, speed = read_times(given)
     rates = {name: {"sensor_rate": float(rate_of_states)} for name in RATED_NODES}
-    if isinstance(speed := given.get("speed"), float) and 0.0 < speed < 1.0:  # other values: the plant's error
+    if speed < 1.0:
         rates["balance_controller"]["time_budget"] = 1.0 / (rate_of_states * speed)
     network = RobotNetwork(interface, domain, plant, _yaml(given))
     network.check()

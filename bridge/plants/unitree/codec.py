@@ -1,5 +1,6 @@
 """LowState to sensor data, joint commands to LowCmd, and the buttons of the remote controller."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,8 +32,21 @@ _MARK_AT, _SESSION_AT = -20, -12  #: Offsets of that word and of the session fro
 #: Buttons of the remote controller by bit, from byte 2 of ``wireless_remote``
 BUTTONS = ("R1", "L1", "start", "select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left")
 PRESS_IT = "press it, to check that it is received"  #: Part of the finding that asks for a stop button
+RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
+#: Least speed of a simulated robot: at lower ones a guard would end before the silence after which it damps
+SPEED_MIN = 0.1
 _XYZW = [1, 2, 3, 0]  #: Indices that reorder a quaternion from wxyz to xyzw
 _BUTTONS_AT = 2  #: Offset of the first eight buttons in ``wireless_remote`` [bytes]
+
+
+def read_times(options: Mapping[str, Any]) -> tuple[float, float]:
+    """``rate`` [Hz] and ``speed`` [-] in the options of a ``UnitreePlant``; ``ConfigError`` for unsupported values."""
+    rate, speed = options.get("rate", RATES[0]), options.get("speed", 1.0)
+    if rate not in RATES:
+        raise ConfigError(f"rate: {rate!r} Hz; the robot runs at {' or '.join(f'{each:g}' for each in RATES)} Hz")
+    if type(speed) not in (int, float) or not SPEED_MIN <= speed <= 1.0:
+        raise ConfigError(f"speed: {speed!r} is not a number from {SPEED_MIN:g} to 1, the speed of a real robot")
+    return float(rate), float(speed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import Any
 from bridge.plants.guard import SilenceGuard
 from bridge.plants.hardware import session
 from bridge.plants.participant import CommandLink
-from bridge.plants.unitree.codec import GUARD_MARK, MARK, is_foreign, joint_command, set_command
+from bridge.plants.unitree.codec import GUARD_MARK, MARK, is_foreign, joint_command, read_times, set_command
 from bridge.plants.unitree.link import COMMAND
 from bridge.plants.unitree.wire import LOW_CMD
 from models.errors import MessageError
@@ -52,4 +52,5 @@ class DampingGuard(SilenceGuard):
 
 def connect(model: RobotModel, domain: int, options: Mapping[str, Any]) -> tuple[DampingGuard, CommandLink]:
     """Create the guard of a robot in a DDS domain and its connection; ``options`` are those of the plant."""
-    return DampingGuard(model, options.get("speed", 1.0)), CommandLink(domain, "unitree_hg", COMMAND)
+    _, speed = read_times(options)
+    return DampingGuard(model, speed), CommandLink(domain, "unitree_hg", COMMAND)

@@ -6,7 +6,16 @@ import numpy as np
 
 from bridge.plants.hardware import RobotClock, real_robot
 from bridge.plants.low_level import LowLevelPlant
-from bridge.plants.unitree.codec import BUTTONS, PRESS_IT, UnitreeCodec, UnitreeSample, is_foreign, joint_command
+from bridge.plants.unitree.codec import (
+    BUTTONS,
+    PRESS_IT,
+    RATES,
+    UnitreeCodec,
+    UnitreeSample,
+    is_foreign,
+    joint_command,
+    read_times,
+)
 from bridge.plants.unitree.link import DdsLink, RobotLink
 from bridge.plants.unitree.wire import LOW_CMD
 from models.errors import ConfigError
@@ -14,7 +23,6 @@ from models.robot_model import RobotModel
 from models.types import JointCommand
 
 PROFILES = {2: "g1_mode_2_hardware", 5: "g1_hardware"}  #: Packaged profile of a ``mode_machine``
-RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
 
 
 class UnitreePlant(LowLevelPlant[UnitreeSample]):
@@ -27,7 +35,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         rate: Rate of the robot's states and of the commands [Hz]: 500 or 1000.
         marker: File that marks an unfinished run; empty for the default of interface and domain.
         remote: Whether the robot has a remote controller; False only for a simulated robot.
-        speed: Speed of the robot's time over real time, above 0; below 1 only for a simulated robot.
+        speed: Speed of the robot's time over real time, 0.1 to 1; below 1 only for a simulated robot.
         link: Connection to the robot; over DDS when None.
 
     Raises:
@@ -45,17 +53,13 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         model: RobotModel,
         network_interface: str = "lo",
         domain: int = 0,
-        rate: float = 500.0,
+        rate: float = RATES[0],
         marker: str = "",
         remote: bool = True,
         speed: float = 1.0,
         link: RobotLink | None = None,
     ) -> None:
-        if rate not in RATES:
-            raise ConfigError(f"rate: {rate:g} Hz; the robot runs at {' or '.join(f'{each:g}' for each in RATES)} Hz")
-        if not 0.0 < speed <= 1.0:
-            raise ConfigError(f"speed: {speed:g} is not above 0 and at most 1, which is the speed of a real robot")
-        self._speed = speed
+        rate, self._speed = read_times({"rate": rate, "speed": speed})
         clock = RobotClock(1.0 / rate, real_robot().gap_max)
         super().__init__(model, "unitree", (network_interface, domain), marker, 1.0 / rate, clock, BUTTONS)
         self._codec = UnitreeCodec(model, clock, self._session)

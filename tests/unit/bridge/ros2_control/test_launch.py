@@ -50,6 +50,11 @@ def test_a_slow_simulated_robot_gives_each_tick_more_time() -> None:
     _, given = hardware_options("unitree", "g1", "lo", 0, None, "{speed: 0.5}")
     assert given["rates"]["balance_controller"] == {"sensor_rate": 500.0, "time_budget": 0.004}
     assert given["rates"]["supervisor"] == {"sensor_rate": 500.0}
+    _, given = hardware_options("unitree", "g1", "lo", 0, None, "{speed: 1}")
+    assert given["rates"]["balance_controller"] == {"sensor_rate": 500.0}
+    for options, reason in (("{speed: fast}", "speed: 'fast' is not"), ("{speed: 0.5, rate: 0.0}", "rate: 0.0 Hz")):
+        with pytest.raises(ConfigError, match=reason):
+            hardware_options("unitree", "g1", "lo", 0, None, options)
 
 
 def test_the_end_may_be_an_option_of_the_plant_or_of_poise_up() -> None:

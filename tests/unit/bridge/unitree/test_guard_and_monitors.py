@@ -1,6 +1,7 @@
 """The damping guard, the monitors, and the profile of the robot's network."""
 
 import xml.etree.ElementTree as ET
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from bridge.launch.robot_network import LOOPBACK, RobotNetwork, interface_addres
 from bridge.plants.hardware import GuardWatch, RobotClock, real_robot, session
 from bridge.plants.monitors import HardwareMonitor
 from bridge.plants.unitree.codec import UnitreeCodec, is_foreign, joint_command
-from bridge.plants.unitree.guard import DampingGuard
+from bridge.plants.unitree.guard import DampingGuard, connect
 from bridge.plants.unitree.plant import UnitreePlant
 from bridge.plants.unitree.wire import LOW_CMD, LOW_STATE
 from controllers.joints.joint_servo import drive_torque
@@ -234,8 +235,13 @@ def test_interfaces_and_domains_are_refused_by_name() -> None:
 def test_the_plant_refuses_profiles_and_rates(g1: RobotModel, hardware: RobotModel) -> None:
     with pytest.raises(ConfigError, match="'g1' needs 'hardware'"):
         UnitreePlant(g1)
-    with pytest.raises(ConfigError, match="rate: 250 Hz; the robot runs at 500 or 1000 Hz"):
+    with pytest.raises(ConfigError, match=r"rate: 250\.0 Hz; the robot runs at 500 or 1000 Hz"):
         UnitreePlant(hardware, rate=250.0)
-    for speed in (0.0, 2.0):
-        with pytest.raises(ConfigError, match=f"speed: {speed:g} is not above 0 and at most 1"):
-            UnitreePlant(hardware, speed=speed)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.05, 2.0, float("nan"), "fast", True, None])
+def test_plant_and_guard_refuse_a_speed_by_name(g1: RobotModel, hardware: RobotModel, speed: Any) -> None:
+    with pytest.raises(ConfigError, match=rf"speed: {speed!r} is not a number from 0\.1 to 1"):
+        UnitreePlant(hardware, speed=speed)
+    with pytest.raises(ConfigError, match="speed"):
+        connect(g1, 0, {"speed": speed})
