@@ -89,14 +89,17 @@ class RobotDriver(PoiseNode):
             if getattr(config, name) and simulated is None:
                 raise ConfigError(f"{name}: for simulated plants only, and '{config.plant}' is not simulated")
         self._simulated: SimulatedDrivers | None = None
+        speed = 1.0
         if simulated is not None:
             start = default_config(LoopConfig, "bridge", "closed_loop")
             self.drivers = self._simulated = SimulatedDrivers(simulated, self.model, start)
+            speed = config.speed
         elif isinstance(plant, HardwarePlant):
             self.drivers = HardwareDrivers(plant, self.model)
+            speed = plant.speed
         else:
             self.drivers = Drivers(plant, self.model)
-        self.period = plant.period / (plant.speed if isinstance(plant, HardwarePlant) else config.speed)
+        self.period = plant.period / speed
         self._period_ns = round(plant.period * NANOSECONDS)
         self._sensor_ticks = _ticks_between(config.sensor_rate, plant.period) if config.sensor_rate else 1
         self.slow_ticks = max(round(1.0 / (config.slow_rate * plant.period)), 1)
