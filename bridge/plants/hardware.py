@@ -401,7 +401,7 @@ class RealPlant(HardwarePlant):
             return
         if self._marker.made:
             last, config = self._decode_command(self._sent), real_robot()
-            faded = max(time.monotonic() - self._sent_at - config.silence_max, 0.0)  # by the guard [s]
+            faded = max(time.monotonic() - self._sent_at - config.silence_max / self.speed, 0.0)  # by the guard [s]
             for count in range(round(config.close_time / config.command_period)):
                 self.read()
                 command = fade_to_damping(self._model, last, faded + count * config.command_period)
