@@ -95,11 +95,12 @@ def rehearse(
     console = Console()
     with tempfile.TemporaryDirectory() as folder, report_errors(console):
         load_profile(robot)  # report errors before the process starts
+        slow = f' --plant-options "{{speed: {speed:g}}}"' if speed < 1.0 else ""
         process = RobotProcess("ros", "lo", Path(folder), robot, 500, speed, domain=domain)
         try:
             console.print(
                 f"{state(process)}\nin another terminal:\n"
-                f"  poise up --robot g1 --plant unitree --network-interface lo --robot-domain {domain}\n"
+                f"  poise up --robot g1 --plant unitree --network-interface lo --robot-domain {domain}{slow}\n"
                 f"then follow poise status there; commands here:\n{HELP}",
                 markup=False, highlight=False, soft_wrap=True,
             )  # fmt: skip
