@@ -29,7 +29,7 @@ from planners.terrain.ground_route import Answer, Request, answer_request
 def ground_from_message(message: Any) -> Heights:
     """Ground heights in ``odom`` of a grid_map_msgs/GridMap.
 
-    Raises ``MessageError`` for another frame, without elevations, or for a size that is not positive and finite.
+    Raises ``MessageError`` for another frame, without elevations, or for a resolution or centre that is not valid.
     """
     require_odom("map", message.header.frame_id)
     values, cell, centre = layer_of(message, "elevation"), float(message.info.resolution), message.info.pose.position

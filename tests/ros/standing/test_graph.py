@@ -267,7 +267,7 @@ def test_every_parameter_is_described(eyes: Eyes) -> None:
 def test_a_fallen_robot_is_put_back_on_its_feet(eyes: Eyes) -> None:
     assert eyes.ask("mode/damp")[0]
     eyes.graph.wait_for(lambda: eyes.truth[-1][2] < 0.4, 10.0, "low")
-    answers = [eyes.ask("mode/stand")]  # refused by preflight until the supervisor knows of the fall
+    answers = [eyes.ask("mode/stand")]  # refused by preflight until the supervisor has detected the fall
 
     def fallen() -> bool:
         answers.append(eyes.ask("mode/stand"))
