@@ -79,9 +79,6 @@ def save_given_map(file: Path, ground: Heights, *, overwrite: bool = False) -> P
     if file.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{file}: the file of a map is a .yaml, with a .png beside it")
     known, image = np.isfinite(ground.values), file.with_suffix(".png")
-    for existing in (file, image):
-        if existing.exists() and not overwrite:
-            raise ConfigError(f"{existing}: exists already: give another file, or --overwrite")
     low = float(ground.values[known].min()) if known.any() else 0.0
     high = max(float(ground.values[known].max()) if known.any() else 0.0, low + 1.0)
     shares = (np.where(known, ground.values, low) - low) / (high - low)
@@ -93,6 +90,9 @@ def save_given_map(file: Path, ground: Heights, *, overwrite: bool = False) -> P
         "heights": [low, high],
     }
     try:
+        for existing in (file, image):
+            if existing.exists() and not overwrite:
+                raise ConfigError(f"{existing}: exists already: give another file, or --overwrite")
         Image.fromarray(np.ascontiguousarray(pixels.T[::-1])).save(image)
         file.write_text(yaml.safe_dump(lines, sort_keys=False), encoding="utf-8")
     except OSError as error:

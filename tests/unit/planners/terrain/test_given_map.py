@@ -64,7 +64,7 @@ def test_a_damaged_image_is_refused_by_name(tmp_path: Path) -> None:
         load_given_map(tmp_path / "map.yaml")
 
 
-@pytest.mark.parametrize("name", ["map.png", "nowhere/map.yaml"])
+@pytest.mark.parametrize("name", ["map.png", "nowhere/map.yaml", f"{300 * 'm'}.yaml"])
 def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(name)):
         save_given_map(tmp_path / name, Heights(np.zeros((2, 2)), (0.0, 0.0), 0.1))
