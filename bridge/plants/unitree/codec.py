@@ -33,8 +33,7 @@ _MARK_AT, _SESSION_AT = -20, -12  #: Offsets of that word and of the session fro
 BUTTONS = ("R1", "L1", "start", "select", "R2", "L2", "F1", "F2", "A", "B", "X", "Y", "up", "right", "down", "left")
 PRESS_IT = "press it, to check that it is received"  #: Part of the finding that asks for a stop button
 RATES = (500.0, 1000.0)  #: Supported rates of state and command [Hz]
-#: Least speed of a simulated robot: at lower ones a guard would end before the silence after which it damps
-SPEED_MIN = 0.1
+SPEED_MIN = 0.1  #: Least speed of a simulated robot; the guard's ``silence_max`` over it must be below ``guard_time``
 _XYZW = [1, 2, 3, 0]  #: Indices that reorder a quaternion from wxyz to xyzw
 _BUTTONS_AT = 2  #: Offset of the first eight buttons in ``wireless_remote`` [bytes]
 
