@@ -249,7 +249,8 @@ def up(
         check_plant(plant, robot, plant_options)
         if speed != 1.0 or lockstep or camera:
             raise typer.BadParameter(
-                "--speed, --lockstep and --camera are for simulated robots only; poise rehearse has an option --speed"
+                "--speed, --lockstep and --camera are for the plant mujoco only; with poise rehearse --speed S, give "
+                "--plant-options '{speed: S}'"
             )
     elif network_interface or at_end or robot_domain is not None or robot_rate is not None:
         find_plant(plant)  # reports a misspelt name first

@@ -1,5 +1,6 @@
 """Plant of a Unitree humanoid with its low-level protocol."""
 
+import time
 from collections.abc import Mapping
 
 import numpy as np
@@ -22,6 +23,7 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import JointCommand
 
+FASTER = 1.2  #: Ratio of measured to given speed above which the start waits
 PROFILES = {2: "g1_mode_2_hardware", 5: "g1_hardware"}  #: Packaged profile of a ``mode_machine``
 
 
@@ -68,6 +70,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         self._remote = remote
         self.tried = not remote  #: Whether a stop button has been pressed
         self._released = not remote  # whether it has been released since
+        self._begun: tuple[float, float] | None = None  # robot's and monotonic time of the first state [s]
         self._unchanged = np.inf  # time since the last change of the remote controller [s]
         self._link = DdsLink(domain) if link is None else link
 
@@ -92,6 +95,7 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         super()._accept(sample)
         changed = before is not None and sample.remote != before.remote
         self._unchanged = 0.0 if changed else self._unchanged + self._period
+        self._begun = self._begun or (sample.sensors.t, time.monotonic())
 
     def _is_foreign(self, data: bytes) -> bool:
         return is_foreign(data, self._session)
@@ -126,10 +130,19 @@ class UnitreePlant(LowLevelPlant[UnitreeSample]):
         return found
 
     def _checks(self, sample: UnitreeSample) -> list[str]:
-        if self.tried:
-            return []
-        buttons = " or ".join(self._hardware.stop_buttons)
-        return [f"the stop button of the remote controller, {buttons}: {PRESS_IT}"]
+        found = []
+        if self._speed < 1.0 and self._begun is not None:  # the guard of a real robot would damp it too late
+            begun, since = self._begun
+            passed = time.monotonic() - since
+            measured = (sample.sensors.t - begun) / max(passed, real_robot().rate_window)
+            if measured > FASTER * self._speed:
+                found.append(
+                    f"the robot's time has speed {measured:.1f}, not {self._speed:g}: a real robot has speed 1"
+                )
+        if not self.tried:
+            buttons = " or ".join(self._hardware.stop_buttons)
+            found.append(f"the stop button of the remote controller, {buttons}: {PRESS_IT}")
+        return found
 
     @property
     def remote_age(self) -> float | None:

@@ -1,6 +1,8 @@
 """The damping guard, the monitors, and the profile of the robot's network."""
 
 import xml.etree.ElementTree as ET
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from bridge.plants.monitors import HardwareMonitor
 from bridge.plants.unitree.codec import UnitreeCodec, is_foreign, joint_command
 from bridge.plants.unitree.guard import DampingGuard, connect
 from bridge.plants.unitree.plant import UnitreePlant
+from bridge.plants.unitree.simulated import DirectLink, GantryRobot
 from bridge.plants.unitree.wire import LOW_CMD, LOW_STATE
 from controllers.joints.joint_servo import drive_torque
 from models.errors import ConfigError
@@ -245,3 +248,22 @@ def test_plant_and_guard_refuse_a_speed_by_name(g1: RobotModel, hardware: RobotM
         UnitreePlant(hardware, speed=speed)
     with pytest.raises(ConfigError, match="speed"):
         connect(g1, 0, {"speed": speed})
+
+
+@pytest.mark.parametrize(("speed", "found"), [(0.3, ""), (1.0, "the robot's time has speed 1.0, not 0.3")])
+def test_a_real_robot_is_not_started_with_the_speed_of_a_slow_one(
+    hardware: RobotModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, speed: float, found: str
+) -> None:
+    link = DirectLink(GantryRobot("g1", rate=500.0))
+    plant = UnitreePlant(hardware, speed=0.3, marker=str(tmp_path / "marker"), link=link)
+    monkeypatch.setattr("bridge.plants.unitree.plant.time", SimpleNamespace(monotonic=lambda: plant_time() / speed))
+
+    def plant_time() -> float:
+        return 0.001 * link.robot.tick
+
+    for _ in range(700):
+        link.step()
+        plant.read()
+    assert [text for text in plant.findings if "speed" in text] == (
+        [f"{found}: a real robot has speed 1"] if found else []
+    )
