@@ -76,7 +76,7 @@ class GaitExecutor:
         self._stack.hold_velocity(*newest.velocity)
 
     def _carry_out(self, newest: GaitCommand) -> None:
-        """Execute a command; a refused command ends the walk."""
+        """Execute a command; a refused one ends the walk, except footsteps that are too late to replace others."""
         self._refusal = ""
         try:
             match newest.command:
@@ -87,6 +87,7 @@ class GaitExecutor:
                 case TakeSteps(steps, after):
                     self._stack.take_steps(steps, after)
         except PoiseError as error:
-            self._refusal = str(error)
-            self._stack.stop()
+            if not (isinstance(newest.command, TakeSteps) and newest.command.after is not None):
+                self._refusal = str(error)
+                self._stack.stop()
             raise

@@ -144,6 +144,20 @@ def test_what_the_controller_refuses_ends_the_route_with_its_reason(linked: Link
     linked.bench.wait(lambda: "40.0 m away" in linked.routes[-1])
 
 
+def test_footsteps_that_come_too_late_leave_the_walk_as_it_is(linked: Linked) -> None:
+    linked.walk()
+    linked.goal.publish(pose_message(Foothold(1.0, 0.0, 0.0), "odom"))
+    linked.bench.wait(lambda: linked.routes)
+    linked.bench.wait(lambda: linked.answers[-1].number)
+    linked.tick(3)
+    number, left = linked.answers[-1].number, linked.executed.route.left
+    linked.raw.publish(encode(GaitCommand(number + 1, TakeSteps((Footstep(1, Foothold(0.1, -0.1, 0.0)),), 0))))
+    linked.bench.wait(lambda: linked.controller.counters[f"refused {topics.GAIT_COMMAND}"])
+    assert "begin after touchdown 0" in linked.controller.values["last refusal"]
+    linked.tick(2)
+    assert linked.executed.route.left == left > 5 and linked.routes[-1].startswith("running: ")
+
+
 @pytest.mark.parametrize(
     ("record", "culprit"),
     [
