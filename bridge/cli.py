@@ -249,7 +249,7 @@ def up(
         check_plant(plant, robot, plant_options)
         if speed != 1.0 or lockstep or camera:
             raise typer.BadParameter(
-                "--speed, --lockstep and --camera are for the plant mujoco only; with poise rehearse --speed S, give "
+                "--speed, --lockstep and --camera are for simulated robots only; with poise rehearse --speed S, give "
                 "--plant-options '{speed: S}'"
             )
     elif network_interface or at_end or robot_domain is not None or robot_rate is not None:
