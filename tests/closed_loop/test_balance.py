@@ -80,7 +80,7 @@ def test_a_push_twice_the_bound_knocks_it_over(robot: str) -> None:
     ("robot", "motion"),
     [
         ("g1", "wave"),
-        ("talos", "squat"),
+        pytest.param("talos", "squat", marks=pytest.mark.long),
         pytest.param("g1", "squat", marks=pytest.mark.long),
         pytest.param("talos", "wave", marks=pytest.mark.long),
     ],

@@ -27,6 +27,7 @@ def standing(loop: ClosedLoop) -> Foothold:
     return middle(loop.gait.footholds)
 
 
+@pytest.mark.long
 def test_it_walks_to_a_pose_though_it_is_pushed_and_stands_there(loop: ClosedLoop) -> None:
     x, y = standing(loop).moved(0.3, 0.05)
     yaw = standing(loop).yaw + 0.4

@@ -28,6 +28,7 @@ def written(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     return folder
 
 
+@pytest.mark.long
 def test_the_benchmark_of_the_page_works(written: Path, tmp_path: Path) -> None:
     (listed,) = catalogue(written).values()
     assert (listed.command, listed.info.seeds, listed.info.quick is not None) == ("sway", 3, True)

@@ -91,6 +91,7 @@ def test_a_walk_that_the_robot_does_not_follow_is_reported(
     other.destroy_node()
 
 
+@pytest.mark.long
 def test_a_walk_that_the_ground_blocks_says_why_and_where(supervisor: FakeSupervisor) -> None:
     supervisor.record = replace(supervisor.record, holds=())
     supervisor.asked.linear.x = 0.2
@@ -161,6 +162,7 @@ def test_the_obstacle_that_ended_a_goal_is_named(supervisor: FakeSupervisor) -> 
     )
 
 
+@pytest.mark.long
 def test_a_pause_is_named(supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(walk, "SILENCE", 1.0)
     paused = "time does not advance: poise reset, or ros2 service call /pause"

@@ -149,6 +149,7 @@ def test_a_goal_that_has_come_out_of_reach_ends_with_the_reason(
     assert robot.routes[-1].reason == "the goal is 20.1 m away, at most 20 m"
 
 
+@pytest.mark.long
 def test_to_a_goal_beyond_stairs_it_follows_plans_and_says_what_ends_them(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.go(2.0)
@@ -191,6 +192,7 @@ def test_at_the_place_of_its_goal_it_turns_to_the_heading_of_the_goal_only(bench
     robot.until(lambda: robot.routes[-1].state is RouteState.DONE)
 
 
+@pytest.mark.long
 def test_told_so_it_walks_to_a_goal_around_what_is_in_the_way(bench: Any, g1: RobotModel) -> None:
     robot = Guided(bench, g1)
     robot.node.set_parameters([Parameter("around", value=True)])
