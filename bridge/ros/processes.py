@@ -223,6 +223,7 @@ class _Change:
         self._reply: Any = None
         self._state: Any = None
         self._asked = 0.0
+        self._unchanged = False  # whether the last answer was that the transition had not begun
 
     def update(self) -> None:
         """Send what is due and process replies."""
@@ -238,7 +239,10 @@ class _Change:
             if state == _GOALS[self._transition] or self._reply.done():
                 self.done, self.refused = True, state != _GOALS[self._transition]
             elif state == _STARTS[self._transition]:
-                self._send(now)
+                # A node that answers several requests in turn may have the transition still before it.
+                if self._unchanged:
+                    self._send(now)
+                self._unchanged = not self._unchanged
         elif now - self._asked > ASK_AGAIN or (self._reply.done() and self._state is None):
             self._asked = now
             self._state = self._get.call_async(GetState.Request())
