@@ -26,6 +26,8 @@ class FootingLimits(NamedTuple):
     edge: float
     still: float
     rest: float
+    fallen: float
+    regain: float
     grain: float
     rim: float
     tipped: float
@@ -45,7 +47,7 @@ class SoleRotation(NamedTuple):
 
     edges: Matrix  # CoP of each sole, held while it moves less than ``edge`` (2, 2) [m]
     turned: Matrix  # recent rotation of each sole while its CoP is held (2, 2) [rad]
-    fallen: Matrix  # rotation of each sole since it last lay still (2, 2) [rad]
+    fallen: Matrix  # rotation of each sole since it last lay still on its whole area (2, 2) [rad]
     rested: Vector  # time for which each sole has lain still (2,) [s]
     bounds: Matrix  # bearing rectangle of each sole (2, 4) [m]
     tipped: Matrix  # rotation of each sole from the ground over its rim; zero if the CoP is inside (2, 2) [rad]
@@ -75,8 +77,9 @@ class Footing:
     The CoP of a loaded sole that turns is on the edge it turns over, and only that line has ground under it. The sole
     is treated as an edge contact, since a CoP commanded beside the line would turn it. If the CoP moves during the
     rotation, the sole rolls flat and no edge is detected. A sole that returns to its last orientation turns over no new
-    edge. A sole that comes to rest has turned back, or has found ground on the other side of the edge (a slope or a
-    lower tile); it is whole again. A foot that lifts lands on its whole sole.
+    edge. A sole that comes to rest in a turned orientation has found ground on the other side of the edge (a slope or a
+    lower tile); its rectangle is whole again. If it has turned back or turned less, its rectangle grows again while it
+    lies still. A foot that lifts lands on its whole sole.
 
     A sole that has tipped over its rim bears on that line. Its rectangle has no width, and the whole-body QP treats it
     as an edge contact. The same holds for a sole that lands tilted, until it lies flat or its CoP leaves the rim. A
@@ -189,10 +192,13 @@ def _update(
                     bounds[foot, low] = bounds[foot, high] = edge
             still = max(abs(turning[foot, 0]), abs(turning[foot, 1])) < limits.still
             rested[foot] = rested[foot] + dt if still else 0.0
-            if rested[foot] >= limits.rest:
-                for i in range(4):
-                    bounds[foot, i] = whole[foot, i]
-                for about in range(2):
+            for axis in range(2 if still else 0):
+                about, low, high = 1 - axis, 2 * axis, 2 * axis + 1
+                rests = rested[foot] >= limits.rest
+                growth = np.inf if rests and abs(fallen[foot, about]) > limits.fallen else limits.regain * dt
+                bounds[foot, low] = max(bounds[foot, low] - growth, whole[foot, low])
+                bounds[foot, high] = min(bounds[foot, high] + growth, whole[foot, high])
+                if rests and bounds[foot, low] == whole[foot, low] and bounds[foot, high] == whole[foot, high]:
                     fallen[foot, about] = 0.0
         on_edge = areas[foot, 0] == areas[foot, 1], areas[foot, 2] == areas[foot, 3]
         for i in range(4):

@@ -90,10 +90,20 @@ def test_a_sole_that_lies_down_or_hardly_bears_is_whole(footing: Watched) -> Non
     np.testing.assert_array_equal(footing.areas, whole)
 
 
-@pytest.mark.parametrize("ticks", [WHILE, 3 * WHILE], ids=["lies as before", "lies on a slope or a lower tile"])
-def test_a_sole_that_comes_to_rest_is_whole_again(footing: Watched, ticks: int) -> None:
+def test_a_sole_that_lies_still_grows_again_little_by_little(footing: Watched) -> None:
     whole = footing.areas.copy()
-    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), ticks)
+    cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
+    still = measured((0.0, 0.0), (0.0, 0.01))
+    later = turn(footing, still, round(0.01 / CONFIG.regain / DT))
+    assert [cut[2] - later[2], later[3] - cut[3]] == pytest.approx([0.01, 0.01], abs=CONFIG.grain)
+    turn(footing, still, round(0.1 / CONFIG.regain / DT))
+    np.testing.assert_array_equal(footing.areas, whole)
+
+
+def test_a_sole_that_comes_to_rest_turned_has_found_ground(footing: Watched) -> None:
+    """It turned over the edge onto a slope or a lower tile."""
+    whole = footing.areas.copy()
+    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(2.0 * CONFIG.fallen / TURN / DT))
     assert (footing.areas != whole).any()
     still = measured((0.0, 0.0), (0.0, 0.01))
     turn(footing, still, round(0.5 * CONFIG.rest / DT))  # as where a rocking sole turns back
