@@ -1,7 +1,6 @@
 """Gaits of the tests, brought to where something is to happen."""
 
 import numpy as np
-import pinocchio as pin
 from msgspec import structs
 
 from models.constants import GRAVITY
@@ -12,7 +11,7 @@ from planners.gait.config import GaitConfig
 from planners.gait.contact import Soles
 from planners.gait.measurement import GaitMeasurement, Measurement
 from planners.gait.planner import GaitPlanner
-from planners.gait.reaction import SwingLeg, leg_lever, pose_foot
+from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitPhase
 from planners.gait.swing import SwingFoot
@@ -43,19 +42,13 @@ def in_single_support(model: RobotModel, config: GaitConfig | None = None, *, st
     return planner
 
 
-def caught(planner: GaitPlanner, height: float = 0.0) -> RobotState:
+def caught(planner: GaitPlanner) -> RobotState:
     """A robot that stands still on its stance foot, whose swing foot is pushed away from its reference.
 
-    Its soles are level, at heading 0: their axes are those of W. The swing foot is at a ``height`` [m].
+    Its soles are level, at heading 0: their axes are those of W.
     """
     model, foot = planner.model, 1 - planner.stance
-    data, q = model.data(), model.standing_configuration()
-    pin.framesForwardKinematics(model.pin, data, q)
-    sole = data.oMf[model.feet[foot].frame_id]
-    q = pose_foot(
-        model, data, q, model.feet[foot], pin.SE3(sole.rotation, sole.translation + np.array([0.0, 0.0, height]))
-    )
-    state = standing(model, planner.state.elapsed, shares=on_one_foot(planner.stance), q=q)
+    state = standing(model, planner.state.elapsed, shares=on_one_foot(planner.stance))
     away = np.array(planner.state.measured.soles[foot].place[:2]) - planner.state.swing.position[:2]
     push = 2.0 * planner.config.swing.trip_force * model.mass * GRAVITY
     state.contacts[foot].wrench[:2] = push * away / max(float(np.linalg.norm(away)), 1e-9)

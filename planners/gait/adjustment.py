@@ -175,7 +175,9 @@ class StepPlanner:
         """
         config, steps, omega, dcm = self._config, self._coming(walk), walk.omega, measured.dcm(walk.omega)
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
-        soonest = max(single_min, elapsed + config.swing.freeze, _HURRY * float(steps[1]["time"]))
+        # Not active in a step without a trip; limited, so that repeated trips do not delay the touchdown indefinitely.
+        tripped = min(swing.rising_until + config.swing.trip_landing, config.timing.single_max)
+        soonest = max(single_min, elapsed + config.swing.freeze, _HURRY * float(steps[1]["time"]), tripped)
         latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
         motion, room = swing.towards(step.hold.x, step.hold.y), self._room(walk)
         body = measured.com, measured.com_velocity

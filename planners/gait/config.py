@@ -139,6 +139,8 @@ class SwingConfig:
     trip_lag: Positive  #: Least distance of a foot that tripped from its reference [m]
     trip_force: Share  #: Least force on a foot that tripped, away from its reference, as a share of the weight [-]
     trip_time: Positive  #: Time for which a foot that tripped only rises [s]
+    trip_back: NonNegative  #: Distance by which a foot that tripped is moved back [m]
+    trip_landing: Positive  #: Least time from the end of that rise to the touchdown [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -189,6 +191,7 @@ class GroundConfig:
     even: NonNegative
     rough_max: NonNegative  #: Largest additional height of swing feet on rough ground [m]
     rough_steps: Positive  #: Number of steps in which this height decays [-]
+    rough_trip: NonNegative  #: Height of rough ground after a foot has tripped [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

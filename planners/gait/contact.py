@@ -170,9 +170,9 @@ class Soles:
             levels=replaced(soles.levels, foot, level),
         )
 
-    def tripped(self, soles: SoleState, height: float) -> SoleState:
-        """State after a foot has tripped at a ``height`` over its expected landing [m]: the obstacle is as high."""
-        return structs.replace(soles, roughness=self._rougher(soles.roughness, height))
+    def tripped(self, soles: SoleState) -> SoleState:
+        """State after a foot has tripped over an obstacle."""
+        return structs.replace(soles, roughness=self._rougher(soles.roughness, self._config.ground.rough_trip))
 
     def _rougher(self, before: float, height: float) -> float:
         """Roughness after a new sample [m]: maximum of both, bounded."""

@@ -72,7 +72,9 @@ def scaled(config: GaitConfig, leg: float, foot: tuple[float, float]) -> GaitCon
             width_min=reach.width_min + foot[1] - config.foot[1],
         ),
         velocity=_times(config.velocity, time, "forward", "backward", "lateral"),
-        swing=_times(_times(config.swing, length, "edge_clearance"), time, "speed_max", "late_velocity"),
+        swing=_times(
+            _times(config.swing, length, "edge_clearance"), time, "speed_max", "late_velocity", "trip_landing"
+        ),
         route=_times(config.route, time, "forward", "lateral"),
     )
 

@@ -84,7 +84,7 @@ class SingleSupport:
         swing = gait.swing
         swing = self._swing.detect_trip(swing, sole, measured.forces[foot], elapsed, gait.step.time)
         if swing.trips > gait.swing.trips:
-            before, gait.soles = gait.soles.roughness, self._soles.tripped(gait.soles, sole.z - level)
+            before, gait.soles = gait.soles.roughness, self._soles.tripped(gait.soles)
             swing = structs.replace(swing, clearance=swing.clearance + gait.soles.roughness - before)
         # The foot of an urgent step lags behind its reference; a late landing is worse than an early one.
         lead = config.swing.urgent_lead if urgent else 0.0
