@@ -1,10 +1,11 @@
 """Every node goes through its states again and again, and leaves nothing behind when it fails."""
 
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import IntegerRange
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -128,6 +129,34 @@ def test_a_node_that_is_at_the_goal_already_has_been_brought_there(bench: Any) -
     change_state(bench.world, lambda: bench.spin(0.01), ["motion_planner"], ACTIVATE, 30.0)
     with pytest.raises(PoiseError, match="motion_planner: refused to configure"):
         change_state(bench.world, lambda: bench.spin(0.01), ["motion_planner"], CONFIGURE, 30.0)
+
+
+class LostRequests:
+    """Services of a node that stays unconfigured, since no transition reaches it."""
+
+    def __init__(self) -> None:
+        self.sent = 0
+
+    def create_client(self, kind: type, name: str) -> Any:
+        return SimpleNamespace(service_is_ready=lambda: True, call_async=partial(self._call, kind))
+
+    def destroy_client(self, client: Any) -> None: ...
+
+    def _call(self, kind: type, request: Any) -> Any:
+        if kind is ChangeState:
+            self.sent += 1
+            return SimpleNamespace(done=lambda: False)
+        answer = SimpleNamespace(current_state=State(id=State.PRIMARY_STATE_UNCONFIGURED))
+        return SimpleNamespace(done=lambda: True, result=lambda: answer)
+
+
+def test_a_transition_that_twice_has_not_begun_is_requested_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once is not enough: a busy node may answer for its state before it begins."""
+    monkeypatch.setattr("bridge.ros.processes.ASK_AGAIN", 0.0)
+    node, sent = LostRequests(), []
+    with pytest.raises(PoiseError, match="lost: no answer"):
+        change_state(node, lambda: sent.append(node.sent), ["lost"], CONFIGURE, 0.2)
+    assert sent[:5] == [1, 1, 1, 1, 2]  # request, question, answer, question, answer
 
 
 def test_the_nodes_that_are_awaited_are_named_from_time_to_time(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
