@@ -210,8 +210,9 @@ class _Change:
     """One transition of one node.
 
     A reply is lost when the node has not yet discovered the reader, and DDS does not report that. The state of a node
-    that does not answer is therefore requested: the goal state means a lost reply, the start state a lost request. The
-    state is also requested after a refusal, as an earlier request may have reached the goal.
+    that does not answer is therefore requested: the goal state means a lost reply, the start state twice a lost
+    request. Once, a busy node may have answered before it begins. The state is also requested after a refusal, as an
+    earlier request may have reached the goal.
     """
 
     def __init__(self, node: Any, name: str, transition: int) -> None:
@@ -223,7 +224,7 @@ class _Change:
         self._reply: Any = None
         self._state: Any = None
         self._asked = 0.0
-        self._unchanged = False  # whether the last answer was that the transition had not begun
+        self._unchanged = False  # whether an answer since the last request was that the transition had not begun
 
     def update(self) -> None:
         """Send what is due and process replies."""
@@ -239,10 +240,10 @@ class _Change:
             if state == _GOALS[self._transition] or self._reply.done():
                 self.done, self.refused = True, state != _GOALS[self._transition]
             elif state == _STARTS[self._transition]:
-                # A node that answers several requests in turn may have the transition still before it.
                 if self._unchanged:
                     self._send(now)
-                self._unchanged = not self._unchanged
+                else:
+                    self._unchanged = True
         elif now - self._asked > ASK_AGAIN or (self._reply.done() and self._state is None):
             self._asked = now
             self._state = self._get.call_async(GetState.Request())
@@ -251,7 +252,7 @@ class _Change:
         request = ChangeState.Request()
         request.transition.id = self._transition
         self._reply = self._change.call_async(request)
-        self._asked = now
+        self._asked, self._unchanged = now, False
 
     def close(self) -> None:
         """Destroy the clients."""
