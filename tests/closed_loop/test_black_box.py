@@ -17,7 +17,6 @@ from models.robot_model import RobotModel
 from models.types import Mode
 
 
-@pytest.mark.long
 def test_a_fall_leaves_a_black_box(tmp_path: Path) -> None:
     loop = ClosedLoop(robot="g1", seed=0, record=False, black_box=tmp_path)
     loop.run(0.5)

@@ -29,7 +29,6 @@ def test_soles_that_turn_over_edges_show_no_slippery_ground() -> None:
     assert loop.state.friction > 0.7
 
 
-@pytest.mark.long
 def test_a_robot_that_expects_slippery_ground_begins_with_short_quick_steps() -> None:
     loop = ClosedLoop("g1", seed=2, record=False, friction=0.2, expected_friction=0.2)
     assert loop.command("walk").accepted
