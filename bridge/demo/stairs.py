@@ -55,6 +55,7 @@ class StairsScene:
     map_limit: Positive
     walk_limit: Positive
     map_error: Positive
+    latency: Positive
     foothold_error: Positive
 
 
@@ -169,9 +170,12 @@ def _under(
 
 
 def judge_stairs(
-    recording: Recording, landings: Sequence[Landing], scene: StairsScene, terrain: Terrain
+    recording: Recording, landings: Sequence[Landing], delays: Sequence[float], scene: StairsScene, terrain: Terrain
 ) -> tuple[list[Check], dict[str, float]]:
-    """Checks and figures of a walk over the flight, against the true ground; foothold errors by the estimate."""
+    """Checks and figures of a walk over the flight, against the true ground; foothold errors by the estimate.
+
+    ``delays`` are the latencies from a range measurement to the footholds planned on it [s].
+    """
     heights = np.array([landing.sole[2] for landing in landings])
     errors = np.concatenate([np.zeros(0), *(landing.errors for landing in landings)])
     known = errors[np.isfinite(errors)]
@@ -180,6 +184,7 @@ def judge_stairs(
     beside = sum(not landing.lies for landing in landings)
     top = (terrain.count or 0) * terrain.height
     climbed = bool(len(heights) and heights.max() > top - 0.02 and abs(heights[-1]) < 0.02)
+    delay, longest = (float(np.median(delays)), max(delays)) if delays else (np.nan, np.nan)
     fallen = fell(recording.q, recording.q[0, 2])
     duration = float(recording.t[-1] - recording.t[0])
     checks = [
@@ -194,6 +199,11 @@ def judge_stairs(
             bool(along < scene.foothold_error),
             f"largest error {1e2 * along:.1f} cm along the way, {1e2 * across:.1f} cm across (includes balance)",
         ),
+        Check(
+            "latency",
+            longest < scene.latency,
+            f"{1e3 * delay:.0f} ms from range measurement to footholds, largest {1e3 * longest:.0f} ms",
+        ),
     ]
     figures = {
         "steps": float(len(landings)),
@@ -202,6 +212,8 @@ def judge_stairs(
         "map_known": len(known) / max(len(errors), 1),
         "foothold_along_max_m": float(along),
         "foothold_across_max_m": float(across),
+        "light_to_foothold_s_median": delay,
+        "light_to_foothold_s_max": longest,
     }
     return checks, figures
 
@@ -251,7 +263,7 @@ def demo_stairs(robot: str, out: Path) -> int:
     out.mkdir(parents=True, exist_ok=True)
     parameters = {"robot_driver": {"terrain": scene.terrain}, "range_sensor_node": {"terrain": scene.terrain}}
     graph = Graph(robot, specs=process_specs(terrain_map=True), parameters=parameters, log=out / "graph.log", say=say)
-    failure, recording, landings = "", None, list[Landing]()
+    failure, recording, landings, delays = "", None, list[Landing](), list[float]()
     fast = {"real_time_factor": float("nan")}
     ending = ExitStack()  # the middleware is shut down last: it may block
     try:
@@ -267,12 +279,10 @@ def demo_stairs(robot: str, out: Path) -> int:
             passed = stage.observer.stamp - began[1]
             fast["real_time_factor"] = passed / (time.monotonic() - began[0])
             fast |= {f"{CPU}{name}": (end - used[name]) / passed for name, end in cpu_times(graph.pids).items()}
-            fast |= {"light_to_foothold_s_median": float(np.median(walk.delays))}
-            fast |= {"light_to_foothold_s_max": float(np.max(walk.delays))}
         except PoiseError as error:
             failure = str(error)
         recording = stage.observer.recording(stage.events)
-        landings = walk.landings(model, recording, Ground(terrain))
+        landings, delays = walk.landings(model, recording, Ground(terrain)), walk.delays
     except PoiseError as error:
         failure = failure or str(error)
     finally:
@@ -280,7 +290,7 @@ def demo_stairs(robot: str, out: Path) -> int:
     checks = [Check("scenario", not failure, failure or "completed")]
     figures: dict[str, float] = {}
     if recording is not None:
-        judged, figures = judge_stairs(recording, landings, scene, terrain)
+        judged, figures = judge_stairs(recording, landings, delays, scene, terrain)
         checks += [*judged, judge_speed(fast, config)]
         recording.save(out / "recording.npz")
         say(f"plot: {plot_stairs(recording, landings, Ground(terrain), out / 'stairs.png')}")

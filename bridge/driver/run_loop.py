@@ -93,7 +93,7 @@ class Paced(Protocol):
 
     @property
     def behind(self) -> bool:
-        """Whether simulated time waits for late commands, a late supervisor or late range sensors."""
+        """Whether simulated time waits for late commands, a late supervisor or late perception."""
 
     def publish_tick(self, late: float) -> None:
         """Publish the sensors of this tick, which began ``late`` after its deadline [s]."""

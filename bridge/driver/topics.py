@@ -233,8 +233,7 @@ class StatusTopics:
 class TruthTopics:
     """Publishers of ``ground_truth/odom``, and of ``joint_states`` and ``obstacle`` beside it while subscribed to.
 
-    ``published`` is the stamp of the newest of these states [ns]. ``measured`` is the stamp of the newest one that the
-    range sensors have measured [ns], 0 if none measures.
+    ``published`` is the stamp of the newest of these states [ns].
     """
 
     def __init__(self, node: PoiseNode, plant: SimulatedPlant) -> None:
@@ -243,11 +242,7 @@ class TruthTopics:
         self._odometry = node.announce(Odometry, topics.GROUND_TRUTH, STATE)
         self._joints = node.announce(JointState, topics.GROUND_TRUTH_JOINTS, STATE)
         self._obstacle = node.announce(PoseStamped, topics.GROUND_TRUTH_OBSTACLE, STATE)
-        self.published = self.measured = 0
-        node.listen(Clock, topics.RANGE_SENSORS_TIME, self._on_measured, SENSOR)
-
-    def _on_measured(self, message: Clock) -> None:
-        self.measured = stamp_ns(message.clock)
+        self.published = 0
 
     def publish(self, stamp: int) -> None:
         """Publish the true state and the position of the obstacle with a stamp [ns]; joint states last."""

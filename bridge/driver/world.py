@@ -149,7 +149,7 @@ class DriverWorld:
 
     @property
     def behind(self) -> bool:
-        """Whether time waits for the commands, the supervisor or the range sensors of a robot."""
+        """Whether time waits for the commands, the supervisor or the perception of a robot."""
         waits = [driver.behind for driver in self._moving]  # all of them, so that no wait begins after another one
         return any(waits)
 

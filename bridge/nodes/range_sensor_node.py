@@ -6,7 +6,6 @@ import time
 from typing import Any
 
 import numpy as np
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from bridge.nodes.camera_node import NICENESS
@@ -15,16 +14,15 @@ from bridge.plants.range_sensors import RayWorld, Schedule, SimulatedDepthCamera
 from models.errors import ConfigError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.messages import clock_message, to_seconds
+from models.nodes.messages import to_seconds
 from models.nodes.parameters import declare
 from models.nodes.perception import cloud_message, depth_message, info_message
+from models.nodes.progress import IDLE, Progress
 from models.nodes.qos import STATE
 from models.nodes.spin import run
 from models.range_sensor import DEPTH_FRAME, DEPTH_UNIT, RangeSensor
 from models.terrain import FLAT, terrain_named
 from models.types import Vector
-
-NOT_MEASURING = 0  #: Time in ``range_sensors/time`` for which the simulation does not wait [ns]
 
 
 class _Output(Schedule[dict[str, Any]]):
@@ -70,7 +68,7 @@ class RangeSensorNode(PoiseNode):
         if sensors.lidar is not None:
             publishers = {topics.LIDAR_POINTS: self.announce(PointCloud2, topics.LIDAR_POINTS, STATE)}
             self._outputs["lidar"] = _Output(publishers, sensors.lidar, 0.5)
-        self._time = self.announce(Clock, topics.RANGE_SENSORS_TIME, STATE)
+        self._progress = Progress(self)
         self._casts = {"depth": self._cast_depth, "lidar": self._cast_lidar}
         TrueStates(self, self._is_due, self._measure, self._on_obstacle, self._on_stamp)
 
@@ -85,7 +83,7 @@ class RangeSensorNode(PoiseNode):
         self._restart()
 
     def deactivate(self) -> None:
-        self._time.publish(clock_message(NOT_MEASURING))
+        self._progress.reach(IDLE)
 
     def _restart(self) -> None:
         self._stamp = 0  # stamp of the newest state [ns]
@@ -109,7 +107,7 @@ class RangeSensorNode(PoiseNode):
         used = {name: output for name, output in self._outputs.items() if output.used}
         self._measured = [name for name, output in used.items() if output.due(stamp)]
         if not self._measured:
-            self._time.publish(clock_message(stamp if used else NOT_MEASURING))
+            self._progress.reach(stamp if used else IDLE)
         return bool(self._measured)
 
     def _measure(self, stamp: int, q: Vector) -> None:
@@ -118,7 +116,7 @@ class RangeSensorNode(PoiseNode):
             begin = time.monotonic()
             self._outputs[name].hold(stamp, self._casts[name](stamp))
             self._took[name] = time.monotonic() - begin
-        self._time.publish(clock_message(stamp))
+        self._progress.reach(stamp)
 
     def _cast_depth(self, stamp: int) -> dict[str, Any]:
         camera = self._depth

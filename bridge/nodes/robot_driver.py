@@ -38,10 +38,11 @@ from models.nodes.base import PoiseNode
 from models.nodes.calibration_file import NO_FILE, CalibrationFile, declare_calibration
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.parameters import declare_config
+from models.nodes.progress import ProgressOfNodes
 from models.nodes.spin import Stop, run
 from models.types import SensorData
 
-COMMANDS, SUPERVISOR, RANGE_SENSORS = "commands", "the supervisor", "range sensors"  #: What simulated time waits for
+COMMANDS, SUPERVISOR = "commands", "the supervisor"  #: What simulated time waits for, beside nodes of the perception
 MUJOCO = "mujoco"  #: Name of the built-in simulated plant
 SLOW = 0.9  #: Real-time factor, relative to the requested speed, below which it is reported [-]
 
@@ -120,6 +121,7 @@ class RobotDriver(PoiseNode):
         self._scan: ScanTopic | None = None
         if self._simulated is not None:
             self._truth = TruthTopics(self, self._simulated.plant)
+            self._perception = ProgressOfNodes(self)
             SimulationServices(self, self._simulated, self._restart_on_request, self._pause)
         if isinstance(plant, MujocoPlant):
             noise = float(config.sensor_noise)
@@ -229,16 +231,17 @@ class RobotDriver(PoiseNode):
 
     @property
     def behind(self) -> bool:
-        """Whether simulated time waits for the command, the supervisor or the simulated range sensors.
+        """Whether simulated time waits for the command, the supervisor or a node of the perception.
 
-        Time waits while one of them refers to a state older than its bound, for at most ``yield_max``. The three waits
-        are independent: without a supervisor, time still waits for commands. Time does not wait with faults of the
-        sensors, or for a robot that hangs or was released without commands. Range sensors that exceeded ``yield_max``
-        are not waited for until they measure again.
+        Time waits while one of them refers to a state older than its bound, for at most ``yield_max``. The waits are
+        independent: without a supervisor, time still waits for commands. Time does not wait with faults of the sensors,
+        or for a robot that hangs or was released without commands. A node of the perception that exceeded
+        ``yield_max`` is not waited for until it reports again.
         """
         if self._simulated is None or self.config.real_time != "yield":
             return False
-        given, commands, truth, now = self.config, self.commands, self._truth, time.monotonic()
+        given, commands, now = self.config, self.commands, time.monotonic()
+        reached = self._perception.reached
         due = self.stamp - self._sensor_ticks * self._period_ns
         late = []
         if not self.free_running and not self.simulation.faults.corrupted:
@@ -247,15 +250,15 @@ class RobotDriver(PoiseNode):
                 late.append(COMMANDS)
             if commands.judged and due - commands.judged > given.yield_supervisor * NANOSECONDS:
                 late.append(SUPERVISOR)
-            if truth.measured and truth.published - truth.measured > given.yield_range_sensors * NANOSECONDS:
-                late.append(RANGE_SENSORS)
+            oldest = self._truth.published - given.yield_perception * NANOSECONDS
+            late += [node for node, stamp in reached.items() if stamp < oldest]
         for each in late:
             if each not in self._late_since:
                 self.counters[f"waits for {each}"] += 1
         self._late_since = {each: self._late_since.get(each, now) for each in late}
         waits = [each for each, begin in self._late_since.items() if now - begin < given.yield_max]
-        if RANGE_SENSORS in late and RANGE_SENSORS not in waits:
-            truth.measured = 0  # the node has ended
+        for each in set(late) - set(waits):
+            reached.pop(each, None)  # the node has ended
         return bool(waits)
 
     @property

@@ -87,14 +87,14 @@ class DriverConfig:
     latency_file: str  #: File for the measured latencies; empty for none
     lockstep: bool  #: The plant waits for the command of each tick; sensors are then reliable (for deterministic tests)
     speed: Annotated[float, Field(ge=0.01, le=1.0)]  #: Ratio of simulated to real time, without lockstep
-    #: Whether simulated time waits for commands, supervisor and range sensors (yield) or follows the clock (strict)
+    #: Whether simulated time waits for commands, supervisor and perception (yield) or follows the clock (strict)
     real_time: Literal["yield", "strict"]
     #: Age of the newest command above which simulated time waits [s]
     yield_lag: Annotated[float, Field(ge=0.001, le=1.0)]
     #: Age of the newest state received by the supervisor above which simulated time waits [s]
     yield_supervisor: Annotated[float, Field(ge=0.001, le=1.0)]
-    #: Age of the newest state measured by the range sensors above which simulated time waits [s]
-    yield_range_sensors: Annotated[float, Field(ge=0.001, le=1.0)]
+    #: Age of the newest state handled by range sensors, mapper and ground planner above which simulated time waits [s]
+    yield_perception: Annotated[float, Field(ge=0.001, le=1.0)]
     yield_max: Annotated[float, Field(ge=0.0, le=60.0)]  #: Longest wait; then time advances and drivers time out [s]
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)]  #: Seed of the simulated sensors' noise
     sensor_noise: bool  #: Noise, bias and quantisation of the profile

@@ -25,7 +25,8 @@ from models.nodes.messages import JointStateCodec, stamp_ns, to_seconds
 from models.nodes.odometry import OdometryCodec, contacts_from_message
 from models.nodes.parameters import declare, declare_config, declare_ns, declare_period
 from models.nodes.perception import cloud_from_message
-from models.nodes.qos import COMMAND, SENSOR, STATE
+from models.nodes.progress import IDLE, Progress
+from models.nodes.qos import COMMAND, SENSOR, SENSOR_QUEUE, STATE
 from models.nodes.services import own_message
 from models.nodes.spin import program
 from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, PointCloud
@@ -112,11 +113,11 @@ class TerrainMapperNode(PoiseNode):
             ]
         except MessageError as error:
             self._missing = str(error)
-        self.listen(UInt8MultiArray, topics.CONTACTS, self._on_contacts, SENSOR)  # served before their odometry
-        self.listen(Odometry, topics.ODOM, self._on_odometry, SENSOR, raw=True)
-        self.listen(
-            JointState, topics.JOINT_STATES, lambda data: self._joints.add(stamp_of(data), data), SENSOR, raw=True
-        )
+        self._progress = Progress(self)
+        # queued, since a cloud takes longer than the period of the states
+        self.listen(UInt8MultiArray, topics.CONTACTS, self._on_contacts, SENSOR_QUEUE)  # served before their odometry
+        self.listen(Odometry, topics.ODOM, self._on_odometry, SENSOR_QUEUE, raw=True)
+        self.listen(JointState, topics.JOINT_STATES, self._on_joints, SENSOR_QUEUE, raw=True)
         self.listen_start(self._law.reset)  # placed upright on other ground
         sensors, qos = self.model.profile.sensors, COMMAND if self._reliable else SENSOR
         for topic, sensor in ((topics.DEPTH_POINTS, sensors.depth), (topics.LIDAR_POINTS, sensors.lidar)):
@@ -128,6 +129,14 @@ class TerrainMapperNode(PoiseNode):
         self._due = [0, 0]  # stamps of the next map and patches [ns]
         self._took, self._clouds, self._stateless = 0.0, 0, 0
         self._matched: dict[str, float] = {}  # monotonic time of the last points with a state, by topic [s]
+
+    def deactivate(self) -> None:
+        self._progress.reach(IDLE)
+
+    def _on_joints(self, data: bytes) -> None:
+        stamp = stamp_of(data)
+        self._joints.add(stamp, data)
+        self._progress.reach(stamp)
 
     def _on_odometry(self, data: bytes) -> None:
         stamp = stamp_of(data)

@@ -39,6 +39,10 @@ class Request(Struct, frozen=True):
     watch: bool = False  # requests only whether the way is level
     around: bool = False  # requests poses around obstacles instead of footsteps
 
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.stamp):
+            raise ValueError("the stamp is not finite")
+
 
 class Answer(Struct, frozen=True):
     """Answer to a request."""

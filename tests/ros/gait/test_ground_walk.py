@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, Twist
+from msgspec import msgpack
 from rclpy.parameter import Parameter
-from std_msgs.msg import Empty, String, UInt8MultiArray
+from std_msgs.msg import Empty, Header, String, UInt8MultiArray
 
 from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.grid_map import grid_map_message, grid_map_type
+from models.nodes.messages import stamp_ns
 from models.nodes.odometry import velocity_to_twist
+from models.nodes.progress import IDLE
 from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
 from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
@@ -466,7 +469,11 @@ def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotMod
         bench.wait(lambda: answers and answers[-1].number == number)
         return answers[-1]
 
+    times: list[int] = []
+    world.create_subscription(Header, topics.PERCEPTION_TIME, lambda m: times.append(stamp_ns(m.stamp)), EVENT)
+    bench.wait(lambda: world.count_publishers(topics.PERCEPTION_TIME))
     assert ask(1, 5.0).blind
+    bench.wait(lambda: times == [5000 * MS, IDLE])  # simulated time waits in between
     x = 0.02 * np.arange(-75, 75) + 0.01
     riser = np.where(x > 0.7, 0.15, 0.0)
     heights = np.repeat(riser[:, None], 150, axis=1)
@@ -482,7 +489,10 @@ def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotMod
     assert ask(6, 1.0).blind  # so is the clock of the map
     requests.publish(UInt8MultiArray(data=[1, 2, 3]))
     bench.wait(lambda: node.counters[f"refused {topics.GROUND_REQUEST}"] == 1)
-    assert math.isfinite(node._took)
+    record = msgpack.decode(bytes(encode(Request(7, query)).data)) | {"stamp": math.nan}
+    requests.publish(encode(record))
+    bench.wait(lambda: node.counters[f"refused {topics.GROUND_REQUEST}"] == 2)
+    assert "the stamp is not finite" in node.values["last refusal"] and math.isfinite(node._took)
     node._map = node._map[:50]
     assert ask(7, 5.1).blind and node.counters[f"refused {topics.TERRAIN_MAP}"] == 1
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64, Header, String
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
@@ -18,6 +18,7 @@ from models.nodes import topics
 from models.nodes.cdr import stamp_of
 from models.nodes.messages import JointCommandCodec, clock_message, decode, doubles
 from models.nodes.perception import scan_from_message
+from models.nodes.progress import progress_message
 from models.nodes.qos import COMMAND, LATCHED, SENSOR, STATE
 from models.robot_model import RobotModel
 from models.scan import Scan
@@ -337,34 +338,45 @@ def test_simulated_time_waits_for_the_supervisor_in_the_held_start_too(bench: An
     bench.wait(lambda: node.behind)
 
 
-def test_simulated_time_waits_for_simulated_range_sensors(
+def test_simulated_time_waits_for_each_node_of_the_perception(
     bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The time to render their images is no latency of the robot."""
-    node: RobotDriver = bench.add(RobotDriver, yield_range_sensors=0.03)
+    """A slow computer is no latency of the robot."""
+    node: RobotDriver = bench.add(RobotDriver, yield_perception=0.03)
     _publish(node, 1, 100)
     _send(node, g1, 100)
-    publisher = bench.world.create_publisher(Clock, topics.RANGE_SENSORS_TIME, SENSOR)
+    publisher = bench.world.create_publisher(Header, topics.PERCEPTION_TIME, STATE)
     bench.wait(publisher.get_subscription_count)
     assert not node.behind  # there are none
-    for measured, waits in ((60, True), (90, False), (60, True), (0, False), (60, True)):
-        publisher.publish(clock_message(measured * 1_000_000))
+
+    def report(name: str, stamp: int) -> None:
+        publisher.publish(progress_message(name, stamp * 1_000_000))
+
+    for stamp, waits in ((60, True), (90, False), (60, True), (0, False), (60, True)):
+        report("sensors", stamp)
         bench.wait(lambda waits=waits: node.behind is waits)
+    report("sensors", 90)
+    report("mapper", 60)
+    bench.wait(lambda: node.behind and node.counters["waits for mapper"] == 1)
+    report("mapper", 0)
+    bench.wait(lambda: not node.behind)
+    report("sensors", 60)
+    bench.wait(lambda: node.behind)
     now = [time.monotonic() + 1.1 * node.config.yield_max]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    assert not node.behind  # their node has ended
+    assert not node.behind  # the node has ended
     node.commands.on_mode(String(data="damp"))
     assert not node.behind
     _publish(node, 101, 150)
     _send(node, g1, 150)
-    assert not node.behind  # still without them
+    assert not node.behind  # still without it
 
 
-def test_time_does_not_wait_for_range_sensors_before_they_have_a_state(bench: Any, g1: RobotModel) -> None:
-    node: RobotDriver = bench.add(RobotDriver, yield_range_sensors=0.02, slow_rate=20.0)
+def test_time_does_not_wait_for_the_perception_before_it_has_a_state(bench: Any, g1: RobotModel) -> None:
+    node: RobotDriver = bench.add(RobotDriver, yield_perception=0.02, slow_rate=20.0)
     _publish(node, 1, 99)
     _send(node, g1, 99)
-    node._truth.measured = 50_000_000  # the newest published state
+    node._perception.reached["sensors"] = 50_000_000  # the newest published state
     assert not node.behind
 
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from msgspec import structs
 from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
-from std_msgs.msg import String, UInt8MultiArray
+from std_msgs.msg import Header, String, UInt8MultiArray
 
 from bridge.nodes.range_sensor_node import RangeSensorNode
 from models.errors import MessageError
@@ -183,7 +182,7 @@ def test_nothing_is_cast_without_a_subscriber(bench: Any, g1: RobotModel) -> Non
     node = bench.add(RangeSensorNode)
     world, times = World(bench, g1, listens=False), list[int]()
     listen = bench.world.create_subscription
-    listen(Clock, topics.RANGE_SENSORS_TIME, lambda message: times.append(stamp_ns(message.clock)), SENSOR)
+    listen(Header, topics.PERCEPTION_TIME, lambda message: times.append(stamp_ns(message.stamp)), SENSOR)
     for _ in range(20):
         world.tick()
     assert times and not any(times)
@@ -197,9 +196,9 @@ def test_a_state_is_measured_in_whichever_order_base_and_joints_arrive(bench: An
     """The time of a state is published after all sensors that are due have measured it."""
     events: list[tuple[str, int]] = []
     node = bench.add(RangeSensorNode)
-    publish, casts = node._time.publish, node._casts
+    reach, casts = node._progress.reach, node._casts
     node._casts = {name: lambda t, cast=cast: (events.append(("cast", t)), cast(t))[1] for name, cast in casts.items()}
-    node._time.publish = lambda message: (events.append(("time", stamp_ns(message.clock))), publish(message))
+    node._progress.reach = lambda stamp: (events.append(("time", stamp)), reach(stamp))
     world = World(bench, g1)
     for world.joints_first in (False, True):
         events.clear()
@@ -339,6 +338,23 @@ def test_states_are_those_of_the_stamp(bench: Any, g1: RobotModel) -> None:
         assert None in mapper._around(stamp).values()
     for stamp in (world.stamp, world.stamp - 200 * MS):
         assert mapper._posture(mapper._around(stamp)) is not None
+
+
+def test_states_that_arrive_while_a_cloud_is_processed_are_kept(bench: Any, g1: RobotModel) -> None:
+    """Otherwise the next clouds are lost, and plans are made on a map that is a period older."""
+    mapper = bench.add(TerrainMapperNode)
+    world, begun = World(bench, g1, listens=False), list[int]()
+    world.until(lambda: mapper._joints.newest == world.stamp)
+    spin, world.bench.spin = world.bench.spin, lambda seconds: None
+    first = world.stamp
+    for _ in range(20):
+        world.tick()
+    world.bench.spin = spin
+    mapper._progress.reach = begun.append
+    bench.wait(lambda: mapper._joints.newest == mapper._odometry.newest == world.stamp)
+    between = range(first, world.stamp, 10 * MS)
+    assert all(None not in mapper._around(stamp + 5 * MS).values() for stamp in between)
+    assert begun == [stamp + 10 * MS for stamp in between]
 
 
 def test_a_malformed_state_is_refused_under_its_own_topic(bench: Any, g1: RobotModel) -> None:

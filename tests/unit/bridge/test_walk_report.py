@@ -116,6 +116,8 @@ def test_parts_and_footsteps(g1: RobotModel, square: Recording, tmp_path: Path) 
     ("changed", "culprit"),
     [
         ({}, []),
+        ({"delays": [0.08, 0.2]}, ["latency"]),
+        ({"delays": []}, ["latency"]),
         ({"lies": False}, ["soles"]),
         ({"errors": np.full(9, 0.04)}, ["map"]),
         ({"error": (0.2, 0.0)}, ["footholds"]),
@@ -130,6 +132,7 @@ def test_a_walk_over_stairs_fails_for_what_is_wrong_with_it(
     recording = Recording(g1.name, np.arange(50) / 10.0, q, zeros, zeros[:, 6:], np.zeros((50, 2, 6)))
     even = Landing(1.0, 0, (0.01, 0.02), True, np.zeros(3), 0.0, np.full(9, 0.002))
     top = even._replace(sole=np.array([1.2, 0.1, 0.15]))
-    checks, figures = judge_stairs(recording, [even, top._replace(**changed), even], scene, terrain)
+    delays = changed.pop("delays", [0.08, 0.14])
+    checks, figures = judge_stairs(recording, [even, top._replace(**changed), even], delays, scene, terrain)
     assert figures["steps"] == 3.0 and figures["map_known"] == 1.0
     assert [check.name for check in checks if not check.passed] == culprit
