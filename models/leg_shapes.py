@@ -3,6 +3,7 @@
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Sequence
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 
@@ -37,7 +38,7 @@ def leg_shapes(robot: RobotModel, *, hulls: bool = False) -> pin.GeometryModel:
     bodies = geometry.geometryObjects
     for body in bodies:
         if hulls and isinstance(body.geometry, coal.BVHModelBase):
-            body.geometry = _coarse_hull(body.geometry)
+            body.geometry = _coarse_hull(body.geometry.vertices().tobytes())
     legs = [[i for i, body in enumerate(bodies) if supports[body.parentJoint] & side] for side in sides]
     for pair in product(*legs):
         geometry.addCollisionPair(pin.CollisionPair(*pair))
@@ -62,9 +63,13 @@ def foot_size(robot: RobotModel) -> tuple[float, float]:
     return length, width
 
 
-def _coarse_hull(mesh: coal.BVHModelBase) -> coal.ConvexBase:
-    """Convex hull of the extreme points of a mesh in ``_DIRECTIONS`` directions; few points keep distances fast."""
-    vertices = mesh.vertices()
+@lru_cache(maxsize=256)
+def _coarse_hull(points_of_mesh: bytes) -> coal.ConvexBase:
+    """Convex hull of the extreme points of a mesh in ``_DIRECTIONS`` directions; few points keep distances fast.
+
+    Found once per process for each mesh, which is given by its vertices (n, 3), float64.
+    """
+    vertices = np.frombuffer(points_of_mesh).reshape(-1, 3)
     k = np.arange(_DIRECTIONS)  # evenly spread along a Fibonacci spiral
     height, turn = 1.0 - (2.0 * k + 1.0) / _DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
     radius = np.sqrt(1.0 - height**2)

@@ -1,6 +1,7 @@
 """Gait of a robot: the reference gait scaled to its legs, within their reach and strength."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from importlib.resources import files
 from typing import TypeVar
 
@@ -29,10 +30,26 @@ Part = TypeVar("Part", StrideConfig, PaceConfig, TimingConfig, ReachConfig, Velo
 
 def load_gait_config(model: RobotModel) -> GaitConfig:
     """Gait of a robot: ``gait_<name>.yaml``, or ``gait.yaml`` scaled to its legs, with the ``laws`` of its profile."""
-    return overlaid(_packaged(model), model.profile.laws.get("gait", {}), f"{model.profile.source}: laws.gait")
+    return overlaid(
+        _packaged(_Robot(repr(model.profile), model.urdf.read_bytes(), model)),
+        model.profile.laws.get("gait", {}),
+        f"{model.profile.source}: laws.gait",
+    )
 
 
-def _packaged(model: RobotModel) -> GaitConfig:
+@dataclass(frozen=True, slots=True)
+class _Robot:
+    """A robot model, which equals another one of the same profile and URDF."""
+
+    profile: str
+    urdf: bytes
+    model: RobotModel = field(compare=False)
+
+
+@lru_cache(maxsize=32)
+def _packaged(robot: _Robot) -> GaitConfig:
+    """Gait without the ``laws`` of the profile; found once per process, since the limits of the legs take 0.2 s."""
+    model = robot.model
     own = f"gait_{model.name}"
     if (files("planners") / "config" / f"{own}.yaml").is_file():
         return default_config(GaitConfig, "planners", own)
