@@ -181,7 +181,6 @@ class GroundConfig:
 
     #: Time constant with which the ground slope follows the tilt of a sole that has just landed [s]
     settle_time: Positive
-    anchor_time: Positive  #: The same for a sole that bears load; a sole that tips is turned back [s]
     settled: Positive  #: Time in single support after which the tilt of the stance sole is used as ground slope [s]
     #: Number of soles, with the stance sole, whose median slope is expected at the next landing
     slope_steps: Annotated[int, Field(ge=1, le=9)]
@@ -199,17 +198,18 @@ class FootingConfig:
     """Detection of soles that turn over an edge."""
 
     load: Share  #: Least share of the weight on a sole for its rotation to be used [-]
-    turning: Positive  #: Angular velocity about its length or width above which a sole turns [rad/s]
+    #: Angular velocity about its length or width above which a sole turns; below half of it, it lies still [rad/s]
+    turning: Positive
     turned: Positive  #: Least recent rotation of a sole that turns over an edge [rad]
     forget_time: Positive  #: Time constant of the recent rotation [s]
     edge: Positive  #: Largest motion of the CoP over an edge; a sole that rolls as it lands exceeds it [m]
-    still: Positive  #: Angular velocity below which a sole lies still [rad/s]
     rest: Positive  #: Time at rest after which the orientation of a sole is used [s]
-    fallen: Positive  #: Least rotation of a sole at rest that has found ground on the other side of the edge [rad]
+    #: Rotation from which a sole at rest has found ground on the other side of an edge, and from which a sole bears on
+    #: the rim over which it tips alone, until half of it [rad]
+    tilted: Positive
     regain: Positive  #: Speed at which the area of a sole at rest that has turned less grows again [m/s]
     grain: Positive  #: Resolution of the areas; each change requires a new wrench cone in the QP [m]
     rim: Positive  #: Largest distance of the CoP from the rim of a sole that has tipped over it [m]
-    tipped: Positive  #: Angle over the rim above which a sole bears on the rim alone, until half this angle [rad]
     lie_angle: NonNegative  #: Angle of a sole on its rim from its tilt to its reference, towards the ground [rad]
     lie_time: Positive  #: Time constant with which the angle over the rim of a sole at rest decays [s]
 
@@ -262,7 +262,8 @@ class GaitConfig:
     #: Distance of a sole from its nominal place above which the robot steps back after a recovery step [m]
     astride: Positive
     astride_max: Positive  #: Distance above which the robot does not come to rest [m]; greater than ``astride``
-    anchor_time: Positive  #: Time constant with which planted footholds follow the soles that bear load [s]
+    #: Time constant with which planted footholds and their slopes follow the soles that bear load [s]
+    anchor_time: Positive
     anchor_load: Share  #: Least share of the weight on a foot for its foothold to follow it [-]
     pace: PaceConfig
     rise: RiseConfig

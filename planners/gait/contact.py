@@ -36,8 +36,7 @@ class AnchorLimits(NamedTuple):
     """Parameters with which planted soles follow the measured ones."""
 
     load: float  # least share of the weight on a sole that is followed [-]
-    time: float  # time constant of its place [s]
-    slope_time: float  # time constant of its slope [s]
+    time: float  # time constant of its place and slope [s]
     settle_time: float  # time constant of its slope after its landing [s]
 
 
@@ -76,9 +75,7 @@ class Soles:
         self.half = np.array([(0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])) for r in rectangles])
         self.points = config.zmp * self.centres  # the frame of a sole is under its ankle
         self._points: list[Point] = [(x, y) for x, y in self.points.tolist()]
-        ground = config.ground
-        limits = AnchorLimits(config.anchor_load, config.anchor_time, ground.anchor_time, ground.settle_time)
-        self._anchor = unbox(limits)
+        self._anchor = unbox(AnchorLimits(config.anchor_load, config.anchor_time, config.ground.settle_time))
 
     def point_of(self, foot: int, hold: Foothold) -> Vector:
         """ZMP point of a foot on a foothold, in W (2,) [m]."""
@@ -239,7 +236,7 @@ def _follow(
         if planted[foot] >= anchor.load:
             at_x, at_y = at_x + share * (sole[0] - at_x), at_y + share * (sole[1] - at_y)
             yaw, z = yaw + share * wrap(sole[2] - yaw), z + share * (sole[3] - z)
-            way = min(dt / (anchor.settle_time if foot == landed else anchor.slope_time), 1.0)
+            way = min(dt / (anchor.settle_time if foot == landed else anchor.time), 1.0)
             for i in range(2):
                 tilts[foot, i] += way * (slopes[foot, i] - tilts[foot, i])
         after[foot, 0], after[foot, 1], after[foot, 2], after[foot, 3] = at_x, at_y, yaw, z

@@ -24,13 +24,11 @@ class FootingLimits(NamedTuple):
     turned: float
     forget_time: float
     edge: float
-    still: float
     rest: float
-    fallen: float
+    tilted: float
     regain: float
     grain: float
     rim: float
-    tipped: float
     lie_angle: float
     lie_time: float
 
@@ -141,7 +139,7 @@ def _tip(low: float, high: float, angle: float, on_edge: bool, cop: float, limit
     """Angle over the rim, positive if the high side rises, and the rim on which the sole stands: -1, 1 or 0 (none)."""
     if cop > low + limits.rim if angle > 0.0 else cop < high - limits.rim:
         return 0.0, 0
-    if abs(angle) < (0.5 if on_edge else 1.0) * limits.tipped:
+    if abs(angle) < (0.5 if on_edge else 1.0) * limits.tilted:
         return angle, 0
     return angle, -1 if angle > 0.0 else 1
 
@@ -190,12 +188,12 @@ def _update(
                 ahead = whole[foot, high] - edge if sign * speed > 0.0 else edge - whole[foot, low]  # descending side
                 if ahead > limits.rim and _turns(speed, turned[foot, about], fallen[foot, about], limits):
                     bounds[foot, low] = bounds[foot, high] = edge
-            still = max(abs(turning[foot, 0]), abs(turning[foot, 1])) < limits.still
+            still = max(abs(turning[foot, 0]), abs(turning[foot, 1])) < 0.5 * limits.turning
             rested[foot] = rested[foot] + dt if still else 0.0
             for axis in range(2 if still else 0):
                 about, low, high = 1 - axis, 2 * axis, 2 * axis + 1
                 rests = rested[foot] >= limits.rest
-                growth = np.inf if rests and abs(fallen[foot, about]) > limits.fallen else limits.regain * dt
+                growth = np.inf if rests and abs(fallen[foot, about]) > limits.tilted else limits.regain * dt
                 bounds[foot, low] = max(bounds[foot, low] - growth, whole[foot, low])
                 bounds[foot, high] = min(bounds[foot, high] + growth, whole[foot, high])
                 if rests and bounds[foot, low] == whole[foot, low] and bounds[foot, high] == whole[foot, high]:
@@ -211,7 +209,8 @@ def _update(
             low, high = whole[foot, 2 * axis], whole[foot, 2 * axis + 1]
             angle, rim = sign * (tipped[foot, about] + dt * turning[foot, about]), 0
             if loads[foot] >= _BEARS:
-                angle *= 1.0 - min(dt / limits.lie_time, 1.0) * max(1.0 - abs(turning[foot, about]) / limits.still, 0.0)
+                rest = max(1.0 - 2.0 * abs(turning[foot, about]) / limits.turning, 0.0)
+                angle *= 1.0 - min(dt / limits.lie_time, 1.0) * rest
                 angle, rim = _tip(low, high, angle, on_edge[axis], cops[foot, axis], limits)
             tipped[foot, about] = sign * angle
             if rim != 0:

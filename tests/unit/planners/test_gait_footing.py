@@ -23,6 +23,7 @@ from tests.support import standing
 
 CONFIG = default_config(GaitConfig, "planners", "gait").footing
 TURN = 2.0 * CONFIG.turning  # [rad/s]
+STILL = 0.5 * CONFIG.turning  # below it a sole lies still [rad/s]
 COP = 0.01  # of the soles of a robot that turns over, to the left [m]
 WHILE = round(1.2 * CONFIG.turned / TURN / DT)  # ticks in which it turns far enough
 
@@ -103,7 +104,7 @@ def test_a_sole_that_lies_still_grows_again_little_by_little(footing: Watched) -
 def test_a_sole_that_comes_to_rest_turned_has_found_ground(footing: Watched) -> None:
     """It turned over the edge onto a slope or a lower tile."""
     whole = footing.areas.copy()
-    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(2.0 * CONFIG.fallen / TURN / DT))
+    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(2.0 * CONFIG.tilted / TURN / DT))
     assert (footing.areas != whole).any()
     still = measured((0.0, 0.0), (0.0, 0.01))
     turn(footing, still, round(0.5 * CONFIG.rest / DT))  # as where a rocking sole turns back
@@ -115,12 +116,12 @@ def test_a_sole_that_comes_to_rest_turned_has_found_ground(footing: Watched) -> 
 def test_a_sole_that_tipped_over_its_rim_bears_on_it_until_it_lies_flat(footing: Watched) -> None:
     whole = footing.areas.copy()
     rim = (0.0, whole[0, 3])
-    tipped = turn(footing, measured((-TURN, 0.0), rim), round(1.2 * CONFIG.tipped / TURN / DT))
+    tipped = turn(footing, measured((-TURN, 0.0), rim), round(1.2 * CONFIG.tilted / TURN / DT))
     np.testing.assert_array_equal(tipped, [*whole[0, :2], whole[0, 3], whole[0, 3]])
     np.testing.assert_array_equal(footing.areas[1], whole[1])
-    back = turn(footing, measured((TURN, 0.0), rim), round(0.5 * CONFIG.tipped / TURN / DT))
+    back = turn(footing, measured((TURN, 0.0), rim), round(0.5 * CONFIG.tilted / TURN / DT))
     np.testing.assert_array_equal(back, tipped)
-    flat = turn(footing, measured((TURN, 0.0), rim), round(0.3 * CONFIG.tipped / TURN / DT))
+    flat = turn(footing, measured((TURN, 0.0), rim), round(0.3 * CONFIG.tilted / TURN / DT))
     np.testing.assert_array_equal(flat, whole[0])
 
 
@@ -134,11 +135,11 @@ def test_a_sole_that_tipped_over_its_rim_is_whole_once_its_cop_leaves_the_rim(fo
 def test_a_sole_that_rests_on_its_rim_lies_on_an_unexpected_slope(footing: Watched) -> None:
     whole = footing.areas.copy()
     rim = (0.0, whole[0, 3])
-    turn(footing, measured((-TURN, 0.0), rim), round(1.5 * CONFIG.tipped / TURN / DT))
+    turn(footing, measured((-TURN, 0.0), rim), round(1.5 * CONFIG.tilted / TURN / DT))
     assert footing.areas[0, 2] == footing.areas[0, 3] == whole[0, 3]
     resting = turn(footing, measured((0.0, 0.0), rim), round(2.0 * CONFIG.lie_time / DT))
     np.testing.assert_array_equal(resting, whole[0])
-    tipping = turn(footing, measured((-1.1 * CONFIG.still, 0.0), rim), round(CONFIG.tipped / CONFIG.still / DT))
+    tipping = turn(footing, measured((-1.1 * STILL, 0.0), rim), round(CONFIG.tilted / STILL / DT))
     assert tipping[2] == tipping[3]
 
 

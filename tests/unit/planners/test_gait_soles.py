@@ -136,7 +136,7 @@ def test_a_sole_that_has_just_landed_lies_down_and_one_that_tips_does_not(law: S
     tipped = measured(loads=(0.5, 0.5), tilt=(0.1, 0.0))
     after, _ = law.followed(soles, tipped, None, 0, CONFIG.ground.settle_time)
     assert after.tilts[0] == pytest.approx([0.1, 0.0])
-    assert after.tilts[1, 0] == pytest.approx(0.1 * CONFIG.ground.settle_time / CONFIG.ground.anchor_time)
+    assert after.tilts[1, 0] == pytest.approx(0.1 * CONFIG.ground.settle_time / CONFIG.anchor_time)
     assert not soles.tilts.any()  # the state before is left alone
 
 
