@@ -116,8 +116,8 @@ class GroundRoute:
         self._taken: tuple[Footstep, ...] = ()  # steps of the plan in use, with the heights of its map
 
     def end(self, reason: str) -> None:
-        """Request no more plans; footsteps under way are not affected."""
-        self.outcome, self._pending = self.outcome or reason, None
+        """End an active walk, with a reason for ``outcome``; footsteps under way are not affected."""
+        self.outcome, self._pending = self.outcome or reason or "ended", None
 
     def request(self, t: float) -> Request | None:
         """The request for a plan that is due at a stamp [s], returned once."""
@@ -141,6 +141,7 @@ class GroundRoute:
             query = GroundQuery(self._line, self._reach(feet), feet, foot, planned)
             return self._ask(t, query, gait.steps + kept)
         if not gait.settled:
+            self._standing = None
             return None
         if self.plans and gait.route.outcome not in ("", "done") and not self._stopped:
             self.end(gait.route.outcome)

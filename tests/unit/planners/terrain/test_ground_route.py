@@ -81,6 +81,25 @@ def test_the_first_plan_is_made_after_a_look_from_the_soles_of_a_standing_robot(
     assert walked.gait.route.left == 4 and walked.route.active
 
 
+def test_a_robot_that_stepped_looks_again() -> None:
+    walked = Walked()
+    with pytest.raises(AssertionError, match="no request"):
+        walked.wait(0.8 * LOOK)
+    walked.gait.set_velocity(0.3, 0.0, 0.0)
+    walked.gait.step(standing(G1, walked.t), DT)
+    assert not walked.gait.settled and walked.route.request(walked.t) is None
+    walked.gait.reset(standing(G1))
+    stopped = walked.t
+    walked.wait()
+    assert walked.t - stopped >= LOOK
+
+
+def test_a_walk_that_is_ended_without_a_reason_is_not_active() -> None:
+    walked = Walked()
+    walked.route.end("")
+    assert not walked.route.active and walked.route.request(LOOK + 1.0) is None
+
+
 def started(steps: Sequence[Footstep] = ahead(5), error: float = 0.0) -> tuple[Walked, Request]:
     """On the way: its route stands at a request that follows a touchdown, higher than planned [m]."""
     walked = Walked()
