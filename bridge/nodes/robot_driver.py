@@ -44,6 +44,7 @@ from models.types import SensorData
 
 COMMANDS, SUPERVISOR = "commands", "the supervisor"  #: What simulated time waits for, beside nodes of the perception
 MUJOCO = "mujoco"  #: Name of the built-in simulated plant
+WAITS = "waits for"  #: Prefix of the counters of such waits
 SLOW = 0.9  #: Real-time factor, relative to the requested speed, below which it is reported [-]
 
 
@@ -254,7 +255,7 @@ class RobotDriver(PoiseNode):
             late += [node for node, stamp in reached.items() if stamp < oldest]
         for each in late:
             if each not in self._late_since:
-                self.counters[f"waits for {each}"] += 1
+                self.counters[f"{WAITS} {each}"] += 1
         self._late_since = {each: self._late_since.get(each, now) for each in late}
         waits = [each for each, begin in self._late_since.items() if now - begin < given.yield_max]
         for each in set(late) - set(waits):
@@ -346,9 +347,11 @@ class RobotDriver(PoiseNode):
         factor = self._status.real_time_factor
         self.values["real-time factor"] = f"{factor:.2f}"
         if self._simulated is not None and not paused and factor < SLOW * self.config.speed:
+            waits = {name: count for name, count in self.counters.items() if name.startswith(WAITS)}
+            why = f" and {max(waits, key=waits.__getitem__)} most often" if waits else ""
             self.get_logger().warning(
-                f"simulated time runs at {factor:.2f} of real time: other programs use the processor, or the plant or "
-                f"its range sensors are slow; poise status has the present factor",
+                f"simulated time runs at {factor:.2f} of real time{why}: the processor is slow, or other programs use "
+                "it; poise status has the present factor",
                 throttle_duration_sec=600.0,
             )
         if self._start is not None:

@@ -3,6 +3,7 @@
 import math
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -370,6 +371,19 @@ def test_simulated_time_waits_for_each_node_of_the_perception(
     _publish(node, 101, 150)
     _send(node, g1, 150)
     assert not node.behind  # still without it
+
+
+def test_slow_time_is_reported_with_what_it_waits_for(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    node: RobotDriver = bench.add(RobotDriver)
+    said: list[str] = []
+    logger = SimpleNamespace(warning=lambda text, **_: said.append(text))
+    monkeypatch.setattr(node, "get_logger", lambda: logger)
+    node._status.real_time_factor = 0.5
+    node.before_diagnostics()
+    node.counters.update({"waits for commands": 3, "waits for terrain_mapper": 5, "ticks skipped": 9})
+    node.before_diagnostics()
+    assert said[0].startswith("simulated time runs at 0.50 of real time: ")
+    assert "0.50 of real time and waits for terrain_mapper most often: " in said[1]
 
 
 def test_time_does_not_wait_for_the_perception_before_it_has_a_state(bench: Any, g1: RobotModel) -> None:
