@@ -165,7 +165,7 @@ def up(
     speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Ratio of simulated to real time.")] = 1.0,
     real_time: Annotated[
         Literal["yield", "strict"],
-        typer.Option(help="Whether simulated time waits for late commands (yield) or not (strict)."),
+        typer.Option(help="Whether simulated time waits for late nodes (yield) or not (strict)."),
     ] = "yield",
     plant: Annotated[
         str,

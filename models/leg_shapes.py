@@ -63,19 +63,19 @@ def foot_size(robot: RobotModel) -> tuple[float, float]:
     return length, width
 
 
-@lru_cache(maxsize=256)
-def _coarse_hull(points_of_mesh: bytes) -> coal.ConvexBase:
+@lru_cache(maxsize=64)
+def _coarse_hull(vertices: bytes) -> coal.ConvexBase:
     """Convex hull of the extreme points of a mesh in ``_DIRECTIONS`` directions; few points keep distances fast.
 
-    Found once per process for each mesh, which is given by its vertices (n, 3), float64.
+    Found once per process for each mesh. ``vertices`` are float64 (n, 3).
     """
-    vertices = np.frombuffer(points_of_mesh).reshape(-1, 3)
+    mesh = np.frombuffer(vertices).reshape(-1, 3)
     k = np.arange(_DIRECTIONS)  # evenly spread along a Fibonacci spiral
     height, turn = 1.0 - (2.0 * k + 1.0) / _DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
     radius = np.sqrt(1.0 - height**2)
     directions = np.column_stack((radius * np.cos(turn), radius * np.sin(turn), height))
     points = coal.StdVec_Vec3s()
-    points.extend(vertices[np.unique((directions @ vertices.T).argmax(axis=1))])
+    points.extend(mesh[np.unique((directions @ mesh.T).argmax(axis=1))])
     return coal.ConvexBase.convexHull(points, True, "Qt")
 
 

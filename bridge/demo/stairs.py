@@ -106,6 +106,7 @@ class StairsWalk(Walk):
     def _on_plan(self, message: UInt8MultiArray) -> None:
         answer = decode(Answer, message)
         if answer.steps:
+            self._stage.observer.poll()
             self.delays.append(self._stage.observer.stamp - answer.stamp)
 
     def _on_taken(self, message: Footsteps) -> None:

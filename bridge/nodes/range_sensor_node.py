@@ -83,7 +83,7 @@ class RangeSensorNode(PoiseNode):
         self._restart()
 
     def deactivate(self) -> None:
-        self._progress.reach(IDLE)
+        self._progress.report_idle()
 
     def _restart(self) -> None:
         self._stamp = 0  # stamp of the newest state [ns]
@@ -107,7 +107,7 @@ class RangeSensorNode(PoiseNode):
         used = {name: output for name, output in self._outputs.items() if output.used}
         self._measured = [name for name, output in used.items() if output.due(stamp)]
         if not self._measured:
-            self._progress.reach(stamp if used else IDLE)
+            self._progress.report(stamp if used else IDLE)
         return bool(self._measured)
 
     def _measure(self, stamp: int, q: Vector) -> None:
@@ -116,7 +116,7 @@ class RangeSensorNode(PoiseNode):
             begin = time.monotonic()
             self._outputs[name].hold(stamp, self._casts[name](stamp))
             self._took[name] = time.monotonic() - begin
-        self._progress.reach(stamp)
+        self._progress.report(stamp)
 
     def _cast_depth(self, stamp: int) -> dict[str, Any]:
         camera = self._depth

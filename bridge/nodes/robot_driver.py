@@ -3,6 +3,7 @@
 import math
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -42,9 +43,8 @@ from models.nodes.progress import ProgressOfNodes
 from models.nodes.spin import Stop, run
 from models.types import SensorData
 
-COMMANDS, SUPERVISOR = "commands", "the supervisor"  #: What simulated time waits for, beside nodes of the perception
+COMMANDS, SUPERVISOR = "commands", "the supervisor"  #: What simulated time waits for, besides perception nodes
 MUJOCO = "mujoco"  #: Name of the built-in simulated plant
-WAITS = "waits for"  #: Prefix of the counters of such waits
 SLOW = 0.9  #: Real-time factor, relative to the requested speed, below which it is reported [-]
 
 
@@ -82,6 +82,7 @@ class RobotDriver(PoiseNode):
             world.drivers.append(self)
         self._settled: SensorData | None = None  # published in the first tick after a restart in lockstep
         self._late_since: dict[str, float] = {}  # monotonic start of each wait of simulated time [s]
+        self._waited: defaultdict[str, float] = defaultdict(float)  # real time of such waits that ended [s]
 
     def configure(self) -> None:
         config = self.config
@@ -232,12 +233,12 @@ class RobotDriver(PoiseNode):
 
     @property
     def behind(self) -> bool:
-        """Whether simulated time waits for the command, the supervisor or a node of the perception.
+        """Whether simulated time waits for the command, the supervisor or a perception node.
 
         Time waits while one of them refers to a state older than its bound, for at most ``yield_max``. The waits are
         independent: without a supervisor, time still waits for commands. Time does not wait with faults of the sensors,
-        or for a robot that hangs or was released without commands. A node of the perception that exceeded
-        ``yield_max`` is not waited for until it reports again.
+        or for a robot that hangs or was released without commands. A perception node that exceeded ``yield_max`` is not
+        waited for until it reports again.
         """
         if self._simulated is None or self.config.real_time != "yield":
             return False
@@ -251,15 +252,17 @@ class RobotDriver(PoiseNode):
                 late.append(COMMANDS)
             if commands.judged and due - commands.judged > given.yield_supervisor * NANOSECONDS:
                 late.append(SUPERVISOR)
-            oldest = self._truth.published - given.yield_perception * NANOSECONDS
+            oldest = min(self._truth.published, due) - given.yield_perception * NANOSECONDS
             late += [node for node, stamp in reached.items() if stamp < oldest]
         for each in late:
             if each not in self._late_since:
-                self.counters[f"{WAITS} {each}"] += 1
+                self.counters[f"waits for {each}"] += 1
+        for each in set(self._late_since) - set(late):
+            self._waited[each] += now - self._late_since[each]
         self._late_since = {each: self._late_since.get(each, now) for each in late}
         waits = [each for each, begin in self._late_since.items() if now - begin < given.yield_max]
         for each in set(late) - set(waits):
-            reached.pop(each, None)  # the node has ended
+            self._perception.forget(each)  # the node has ended, or is too slow
         return bool(waits)
 
     @property
@@ -347,8 +350,7 @@ class RobotDriver(PoiseNode):
         factor = self._status.real_time_factor
         self.values["real-time factor"] = f"{factor:.2f}"
         if self._simulated is not None and not paused and factor < SLOW * self.config.speed:
-            waits = {name: count for name, count in self.counters.items() if name.startswith(WAITS)}
-            why = f" and {max(waits, key=waits.__getitem__)} most often" if waits else ""
+            why = f" and waited longest for {max(self._waited, key=self._waited.__getitem__)}" if self._waited else ""
             self.get_logger().warning(
                 f"simulated time runs at {factor:.2f} of real time{why}: the processor is slow, or other programs use "
                 "it; poise status has the present factor",

@@ -1,15 +1,14 @@
-"""Topic ``perception/time``: how far the nodes of the perception are; simulated time waits for them."""
-
-from typing import Any
+"""Topic ``perception/time``: up to which time the perception nodes have done their work. Simulated time waits."""
 
 from std_msgs.msg import Header
 
 from models.nodes import topics
+from models.nodes.base import PoiseNode
 from models.nodes.messages import set_stamp, stamp_ns
-from models.nodes.qos import SENSOR_QUEUE, STATE
+from models.nodes.qos import EVENT_QUEUE, STATE
 
 IDLE = 0  #: Stamp of a node without work, for which time does not wait [ns]
-PERIOD = 8_000_000  #: Least time between two reports of a node that is at work [ns]
+PERIOD = 8_000_000  #: Least time between two reports of a node at work [ns]
 
 
 def progress_message(name: str, stamp: int) -> Header:
@@ -22,32 +21,42 @@ def progress_message(name: str, stamp: int) -> Header:
 class Progress:
     """Reports up to which time a node has done its work, until ``cleanup`` of the node."""
 
-    def __init__(self, node: Any) -> None:
+    def __init__(self, node: PoiseNode) -> None:
         self._name = node.get_name()
         self._publisher = node.announce(Header, topics.PERCEPTION_TIME, STATE)
         self._reported = IDLE
 
-    def reach(self, stamp: int) -> None:
-        """Report a stamp [ns]; one less than ``PERIOD`` after the last report is left out."""
-        if stamp == IDLE or not 0 <= stamp - self._reported < PERIOD:
+    def report(self, stamp: int) -> None:
+        """Report a stamp [ns]; one less than ``PERIOD`` after the last reported one is skipped.
+
+        A repeated stamp is reported again: while time waits, the driver repeats the states.
+        """
+        if not 0 < stamp - self._reported < PERIOD:
             self._reported = stamp
             self._publisher.publish(progress_message(self._name, stamp))
 
+    def report_idle(self) -> None:
+        """Report that the node has no work."""
+        self.report(IDLE)
+
 
 class ProgressOfNodes:
-    """Receives these reports, until ``cleanup`` of the node.
+    """Receives the reports of all perception nodes, until ``cleanup`` of the node.
 
     Attributes:
         reached: Time up to which each node at work has done its work [ns], by name.
     """
 
-    def __init__(self, node: Any) -> None:
+    def __init__(self, node: PoiseNode) -> None:
         self.reached: dict[str, int] = {}
-        node.listen(Header, topics.PERCEPTION_TIME, self._on_time, SENSOR_QUEUE)
+        node.listen(Header, topics.PERCEPTION_TIME, self._on_report, EVENT_QUEUE)
 
-    def _on_time(self, message: Any) -> None:
-        stamp = stamp_ns(message.stamp)
-        if stamp == IDLE:
-            self.reached.pop(message.frame_id, None)
+    def forget(self, name: str) -> None:
+        """Ignore a node until its next report."""
+        self.reached.pop(name, None)
+
+    def _on_report(self, message: Header) -> None:
+        if (stamp := stamp_ns(message.stamp)) == IDLE:
+            self.forget(message.frame_id)
         else:
             self.reached[message.frame_id] = stamp

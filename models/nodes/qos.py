@@ -32,7 +32,7 @@ def keep_last(depth: int, *, reliable: bool, latched: bool = False, deadline_s: 
 STATE = keep_last(10, reliable=True)
 #: Subscribers of the graph to sensors and states: newest sample only
 SENSOR = keep_last(1, reliable=False)
-#: Subscribers that count or log sensor samples: deep enough for a busy subscriber
+#: Subscribers that need every sensor sample: deep enough for a busy subscriber
 SENSOR_QUEUE = keep_last(100, reliable=False)
 #: ``/robot_description``, ``/mode``: late subscribers receive the last value
 LATCHED = keep_last(1, reliable=True, latched=True)
@@ -40,6 +40,8 @@ LATCHED = keep_last(1, reliable=True, latched=True)
 LATCHED_EVENT = keep_last(10, reliable=True, latched=True)
 #: Requests and replies: none may be lost
 EVENT = keep_last(10, reliable=True)
+#: The same of several senders at high rates: deep enough for a busy subscriber
+EVENT_QUEUE = keep_last(100, reliable=True)
 #: Joint commands without deadline, for publishers slower than the controller
 COMMAND = keep_last(1, reliable=True)
 

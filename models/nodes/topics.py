@@ -75,7 +75,7 @@ CONTROL_STATUS, ESTIMATOR_STATUS = "balance_controller/status", "state_estimator
 GAIT_STATUS, ROUTE_STATUS, MOTION_STATUS = "gait/status", "gait/route_status", "motion/status"
 SUPERVISOR_STATUS, NODE_STATUS = "supervisor/status", "node_status"  #: Records of ``models/status.py``
 SUPERVISOR_TIME = "supervisor/time"  #: Time up to which the supervisor has received the state
-PERCEPTION_TIME = "perception/time"  #: Time up to which each node of the perception has done its work
+PERCEPTION_TIME = "perception/time"  #: Time up to which each perception node has done its work
 START_STATUS = "start/status"  #: Record of the start-up of a real robot
 #: Services for the operator of a real robot
 START = "start/"  #: Prefix of these services

@@ -204,8 +204,8 @@ class FootingConfig:
     forget_time: Positive  #: Time constant of the recent rotation [s]
     edge: Positive  #: Largest motion of the CoP over an edge; a sole that rolls as it lands exceeds it [m]
     rest: Positive  #: Time at rest after which the orientation of a sole is used [s]
-    #: Rotation from which a sole at rest has found ground on the other side of an edge, and from which a sole bears on
-    #: the rim over which it tips alone, until half of it [rad]
+    #: Least rotation of a sole at rest that has found ground on the other side of an edge, and of a sole that bears on
+    #: its rim alone; the latter ends below half of it [rad]
     tilted: Positive
     regain: Positive  #: Speed at which the area of a sole at rest that has turned less grows again [m/s]
     grain: Positive  #: Resolution of the areas; each change requires a new wrench cone in the QP [m]

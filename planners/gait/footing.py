@@ -209,8 +209,8 @@ def _update(
             low, high = whole[foot, 2 * axis], whole[foot, 2 * axis + 1]
             angle, rim = sign * (tipped[foot, about] + dt * turning[foot, about]), 0
             if loads[foot] >= _BEARS:
-                rest = max(1.0 - 2.0 * abs(turning[foot, about]) / limits.turning, 0.0)
-                angle *= 1.0 - min(dt / limits.lie_time, 1.0) * rest
+                stillness = max(1.0 - 2.0 * abs(turning[foot, about]) / limits.turning, 0.0)
+                angle *= 1.0 - min(dt / limits.lie_time, 1.0) * stillness
                 angle, rim = _tip(low, high, angle, on_edge[axis], cops[foot, axis], limits)
             tipped[foot, about] = sign * angle
             if rim != 0:

@@ -31,7 +31,7 @@ Part = TypeVar("Part", StrideConfig, PaceConfig, TimingConfig, ReachConfig, Velo
 def load_gait_config(model: RobotModel) -> GaitConfig:
     """Gait of a robot: ``gait_<name>.yaml``, or ``gait.yaml`` scaled to its legs, with the ``laws`` of its profile."""
     return overlaid(
-        _packaged(_Robot(repr(model.profile), model.urdf.read_bytes(), model)),
+        _packaged(_Robot(repr(replace(model.profile, laws={})), model.description, model)),
         model.profile.laws.get("gait", {}),
         f"{model.profile.source}: laws.gait",
     )
@@ -39,14 +39,14 @@ def load_gait_config(model: RobotModel) -> GaitConfig:
 
 @dataclass(frozen=True, slots=True)
 class _Robot:
-    """A robot model, which equals another one of the same profile and URDF."""
+    """A robot model, which equals another one of the same profile, apart from its ``laws``, and URDF."""
 
     profile: str
     urdf: bytes
     model: RobotModel = field(compare=False)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=8)
 def _packaged(robot: _Robot) -> GaitConfig:
     """Gait without the ``laws`` of the profile; found once per process, since the limits of the legs take 0.2 s."""
     model = robot.model

@@ -15,7 +15,7 @@ from models.nodes.grid_map import grid_map_type, layer_of
 from models.nodes.messages import decode as decode_message
 from models.nodes.messages import stamp_ns, to_ns, to_seconds
 from models.nodes.parameters import declare, declare_config
-from models.nodes.progress import IDLE, Progress
+from models.nodes.progress import Progress
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import program
 from planners.gait.scaling import load_gait_config
@@ -74,11 +74,11 @@ class GroundPlannerNode(PoiseNode):
 
     def _on_request(self, message: Any) -> None:
         request = decode(Request, message)
-        self._progress.reach(to_ns(request.stamp))
+        self._progress.report(to_ns(request.stamp))
         try:
             self._answer(request)
         finally:
-            self._progress.reach(IDLE)
+            self._progress.report_idle()
 
     def _answer(self, request: Request) -> None:
         begin = time.monotonic()

@@ -25,7 +25,7 @@ from models.nodes.messages import JointStateCodec, stamp_ns, to_seconds
 from models.nodes.odometry import OdometryCodec, contacts_from_message
 from models.nodes.parameters import declare, declare_config, declare_ns, declare_period
 from models.nodes.perception import cloud_from_message
-from models.nodes.progress import IDLE, Progress
+from models.nodes.progress import Progress
 from models.nodes.qos import COMMAND, SENSOR, SENSOR_QUEUE, STATE
 from models.nodes.services import own_message
 from models.nodes.spin import program
@@ -131,12 +131,12 @@ class TerrainMapperNode(PoiseNode):
         self._matched: dict[str, float] = {}  # monotonic time of the last points with a state, by topic [s]
 
     def deactivate(self) -> None:
-        self._progress.reach(IDLE)
+        self._progress.report_idle()
 
     def _on_joints(self, data: bytes) -> None:
         stamp = stamp_of(data)
         self._joints.add(stamp, data)
-        self._progress.reach(stamp)
+        self._progress.report(stamp)
 
     def _on_odometry(self, data: bytes) -> None:
         stamp = stamp_of(data)

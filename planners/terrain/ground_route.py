@@ -18,6 +18,8 @@ from planners.terrain.elevation_map import Heights
 from planners.terrain.footholds import GroundPlanner, GroundQuery
 from planners.terrain.ground_config import GroundConfig, RouteConfig
 
+STAMP_MAX = 2.0**31  #: Bound of the stamps of messages, whose seconds are int32 [s]
+
 
 class Walker(Protocol):
     """Executes footsteps: the gait, or the stack around it."""
@@ -40,8 +42,8 @@ class Request(Struct, frozen=True):
     around: bool = False  # requests poses around obstacles instead of footsteps
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.stamp):
-            raise ValueError("the stamp is not finite")
+        if not 0.0 <= self.stamp < STAMP_MAX:
+            raise ValueError(f"the stamp is {self.stamp} s, not between 0 and {STAMP_MAX:g}")
 
 
 class Answer(Struct, frozen=True):
@@ -90,7 +92,7 @@ class GroundRoute:
     wrong for a moment during a walk. The walk ends with the reason of a plan from standing.
 
     Attributes:
-        outcome: Empty during the walk, then ``done`` or the reason why it ended.
+        outcome: Empty during the walk, then ``done``, ``ended`` or the reason why it ended.
         plans: Number of plans that were used.
     """
 
@@ -116,7 +118,7 @@ class GroundRoute:
         self._taken: tuple[Footstep, ...] = ()  # steps of the plan in use, with the heights of its map
 
     def end(self, reason: str) -> None:
-        """End an active walk, with a reason for ``outcome``; footsteps under way are not affected."""
+        """End an active walk with a reason, ``ended`` if empty; footsteps under way are not affected."""
         self.outcome, self._pending = self.outcome or reason or "ended", None
 
     def request(self, t: float) -> Request | None:

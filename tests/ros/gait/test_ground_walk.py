@@ -471,7 +471,7 @@ def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotMod
 
     times: list[int] = []
     world.create_subscription(Header, topics.PERCEPTION_TIME, lambda m: times.append(stamp_ns(m.stamp)), EVENT)
-    bench.wait(lambda: world.count_publishers(topics.PERCEPTION_TIME))
+    bench.wait(node._progress._publisher.get_subscription_count)
     assert ask(1, 5.0).blind
     bench.wait(lambda: times == [5000 * MS, IDLE])  # simulated time waits in between
     x = 0.02 * np.arange(-75, 75) + 0.01
@@ -489,10 +489,12 @@ def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotMod
     assert ask(6, 1.0).blind  # so is the clock of the map
     requests.publish(UInt8MultiArray(data=[1, 2, 3]))
     bench.wait(lambda: node.counters[f"refused {topics.GROUND_REQUEST}"] == 1)
-    record = msgpack.decode(bytes(encode(Request(7, query)).data)) | {"stamp": math.nan}
-    requests.publish(encode(record))
-    bench.wait(lambda: node.counters[f"refused {topics.GROUND_REQUEST}"] == 2)
-    assert "the stamp is not finite" in node.values["last refusal"] and math.isfinite(node._took)
+    for refused, stamp in enumerate((math.nan, 1e30), start=2):
+        record = msgpack.decode(bytes(encode(Request(7, query)).data)) | {"stamp": stamp}
+        requests.publish(encode(record))
+        bench.wait(lambda refused=refused: node.counters[f"refused {topics.GROUND_REQUEST}"] == refused)
+        assert f"the stamp is {stamp} s, not between 0 and" in node.values["last refusal"]
+    assert math.isfinite(node._took)
     node._map = node._map[:50]
     assert ask(7, 5.1).blind and node.counters[f"refused {topics.TERRAIN_MAP}"] == 1
 

@@ -359,10 +359,10 @@ def test_simulated_time_waits_for_each_node_of_the_perception(
     report("sensors", 90)
     report("mapper", 60)
     bench.wait(lambda: node.behind and node.counters["waits for mapper"] == 1)
-    report("mapper", 0)
-    bench.wait(lambda: not node.behind)
     report("sensors", 60)
-    bench.wait(lambda: node.behind)
+    report("mapper", 0)
+    bench.wait(lambda: "mapper" not in node._perception.reached)
+    assert node.behind  # of the sensors
     now = [time.monotonic() + 1.1 * node.config.yield_max]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     assert not node.behind  # the node has ended
@@ -373,17 +373,26 @@ def test_simulated_time_waits_for_each_node_of_the_perception(
     assert not node.behind  # still without it
 
 
-def test_slow_time_is_reported_with_what_it_waits_for(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_does_not_wait_for_states_that_the_perception_has_not_received(bench: Any, g1: RobotModel) -> None:
+    """At 25 Hz the newest sensors are of 80 ms, while the true state is of 90 ms."""
+    node: RobotDriver = bench.add(RobotDriver, yield_perception=0.02, sensor_rate=25.0)
+    _publish(node, 1, 99)
+    _send(node, g1, 80)
+    node._perception.reached["mapper"] = 40_000_000
+    assert not node.behind
+
+
+def test_slow_time_is_reported_with_what_it_waited_for(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     node: RobotDriver = bench.add(RobotDriver)
     said: list[str] = []
     logger = SimpleNamespace(warning=lambda text, **_: said.append(text))
     monkeypatch.setattr(node, "get_logger", lambda: logger)
     node._status.real_time_factor = 0.5
     node.before_diagnostics()
-    node.counters.update({"waits for commands": 3, "waits for terrain_mapper": 5, "ticks skipped": 9})
+    node._waited.update({"commands": 0.3, "terrain_mapper": 0.5})
     node.before_diagnostics()
     assert said[0].startswith("simulated time runs at 0.50 of real time: ")
-    assert "0.50 of real time and waits for terrain_mapper most often: " in said[1]
+    assert "0.50 of real time and waited longest for terrain_mapper: " in said[1]
 
 
 def test_time_does_not_wait_for_the_perception_before_it_has_a_state(bench: Any, g1: RobotModel) -> None:

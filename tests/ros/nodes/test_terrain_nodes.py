@@ -17,7 +17,8 @@ from models.nodes.grid_map import grid_map_message, grid_map_type, layer_of, pat
 from models.nodes.messages import JointStateCodec, stamp_ns
 from models.nodes.odometry import OdometryCodec, contacts_to_bytes
 from models.nodes.perception import cloud_from_message, cloud_message, depth_message, pinhole_of
-from models.nodes.qos import COMMAND, LATCHED, SENSOR, STATE
+from models.nodes.progress import IDLE
+from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR, STATE
 from models.nodes.services import own_message
 from models.range_sensor import DEPTH_FRAME, LIDAR_FRAME, PointCloud
 from models.robot_model import RobotModel
@@ -196,9 +197,9 @@ def test_a_state_is_measured_in_whichever_order_base_and_joints_arrive(bench: An
     """The time of a state is published after all sensors that are due have measured it."""
     events: list[tuple[str, int]] = []
     node = bench.add(RangeSensorNode)
-    reach, casts = node._progress.reach, node._casts
+    report, casts = node._progress.report, node._casts
     node._casts = {name: lambda t, cast=cast: (events.append(("cast", t)), cast(t))[1] for name, cast in casts.items()}
-    node._progress.reach = lambda stamp: (events.append(("time", stamp)), reach(stamp))
+    node._progress.report = lambda stamp: (events.append(("time", stamp)), report(stamp))
     world = World(bench, g1)
     for world.joints_first in (False, True):
         events.clear()
@@ -340,21 +341,38 @@ def test_states_are_those_of_the_stamp(bench: Any, g1: RobotModel) -> None:
         assert mapper._posture(mapper._around(stamp)) is not None
 
 
+def test_the_mapper_reports_its_work_while_it_is_active(bench: Any, g1: RobotModel) -> None:
+    """A report of at least every 8 ms; a stamp that is repeated or goes back is reported at once."""
+    mapper = bench.add(TerrainMapperNode)
+    world, times = World(bench, g1, listens=False), list[int]()
+    bench.world.create_subscription(Header, topics.PERCEPTION_TIME, lambda m: times.append(stamp_ns(m.stamp)), EVENT)
+    world.until(lambda: times and times[-1] == world.stamp)
+    begin = times[-1]
+    for ahead in (1, 7, 8, 8, 9, -500):
+        mapper._progress.report(begin + ahead * MS)
+    bench.wait(lambda: times[-1] == begin - 500 * MS)
+    assert times[times.index(begin) + 1 :] == [begin + ahead * MS for ahead in (8, 8, -500)]
+    mapper.trigger_deactivate()
+    bench.wait(lambda: times[-1] == IDLE)
+    mapper.trigger_activate()
+    world.until(lambda: times[-1] == world.stamp)
+
+
 def test_states_that_arrive_while_a_cloud_is_processed_are_kept(bench: Any, g1: RobotModel) -> None:
     """Otherwise the next clouds are lost, and plans are made on a map that is a period older."""
     mapper = bench.add(TerrainMapperNode)
-    world, begun = World(bench, g1, listens=False), list[int]()
+    world, reported = World(bench, g1, listens=False), list[int]()
     world.until(lambda: mapper._joints.newest == world.stamp)
     spin, world.bench.spin = world.bench.spin, lambda seconds: None
     first = world.stamp
     for _ in range(20):
         world.tick()
     world.bench.spin = spin
-    mapper._progress.reach = begun.append
+    mapper._progress.report = reported.append
     bench.wait(lambda: mapper._joints.newest == mapper._odometry.newest == world.stamp)
     between = range(first, world.stamp, 10 * MS)
     assert all(None not in mapper._around(stamp + 5 * MS).values() for stamp in between)
-    assert begun == [stamp + 10 * MS for stamp in between]
+    assert reported == [stamp + 10 * MS for stamp in between]
 
 
 def test_a_malformed_state_is_refused_under_its_own_topic(bench: Any, g1: RobotModel) -> None:

@@ -132,6 +132,7 @@ def test_a_walk_over_stairs_fails_for_what_is_wrong_with_it(
     recording = Recording(g1.name, np.arange(50) / 10.0, q, zeros, zeros[:, 6:], np.zeros((50, 2, 6)))
     even = Landing(1.0, 0, (0.01, 0.02), True, np.zeros(3), 0.0, np.full(9, 0.002))
     top = even._replace(sole=np.array([1.2, 0.1, 0.15]))
+    changed = dict(changed)
     delays = changed.pop("delays", [0.08, 0.14])
     checks, figures = judge_stairs(recording, [even, top._replace(**changed), even], delays, scene, terrain)
     assert figures["steps"] == 3.0 and figures["map_known"] == 1.0

@@ -65,6 +65,15 @@ def test_weaker_knees_crouch_less_and_walk_slower(build: Build) -> None:
         assert leg_limits(model, gait)["forward"] == f"joint 'left_knee' of {_knee(model):g} N.m"
 
 
+def test_a_gait_is_that_of_the_urdf_that_was_loaded(build: Build) -> None:
+    """The gaits of a process are kept, by profile and URDF."""
+    weak = build(Humanoid(knee=45.0))
+    weak.urdf.write_text(weak.urdf.read_text().replace('effort="45.0"', 'effort="200.0"'))
+    strong = RobotModel.load(weak.profile.source)
+    assert (_knee(weak), _knee(strong)) == (45.0, 200.0)
+    assert load_gait_config(weak).velocity.forward < 0.7 * load_gait_config(strong).velocity.forward
+
+
 def _knee(model: RobotModel) -> float:
     return float(model.tau_max[model.joint_index("left_knee")])
 
