@@ -454,7 +454,9 @@ def grid_map() -> Any:
         pytest.skip(str(error))
 
 
-def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotModel) -> None:
+def test_the_ground_planner_answers_from_the_newest_map(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     kind = grid_map()
     node, world = bench.add(GroundPlannerNode), bench.world
     answers: list[Answer] = []
@@ -495,6 +497,14 @@ def test_the_ground_planner_answers_from_the_newest_map(bench: Any, g1: RobotMod
         bench.wait(lambda refused=refused: node.counters[f"refused {topics.GROUND_REQUEST}"] == refused)
         assert f"the stamp is {stamp} s, not between 0 and" in node.values["last refusal"]
     assert math.isfinite(node._took)
+
+    def fails(*_: Any) -> Any:
+        raise MessageError("no plan")
+
+    monkeypatch.setattr(node._law, "plan", fails)
+    requests.publish(encode(Request(8, query, None, 5.2)))
+    bench.wait(lambda: "no plan" in node.values["last refusal"] and times[-2:] == [5200 * MS, IDLE])
+    monkeypatch.undo()
     node._map = node._map[:50]
     assert ask(7, 5.1).blind and node.counters[f"refused {topics.TERRAIN_MAP}"] == 1
 
