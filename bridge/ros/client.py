@@ -342,13 +342,14 @@ def overview(client: Client) -> dict[str, str]:
     assert status is not None  # the wait above found a robot
     accepted = [each for each in routes if each.state is not RouteState.REFUSED]
     walks_to_goal = client.mode == Mode.WALK.value and accepted and accepted[-1].state is RouteState.RUNNING
+    followed = ", the robot follows its goal" if walks_to_goal and client.commander == "none" else ""
     locks = "".join(f"; lock '{lock}' is closed" for lock in status.locks)
     return {
         "robot": f"{status.robot}, mode '{status.mode.value}'"
         + ("" if start else f", drivers '{client.driver_state or 'unknown'}'"),  # the start has details
         "faults": "; ".join((*status.faults, *status.holds)) or "none",
         "real-time factor": "unknown" if math.isnan(client.factor) else f"{client.factor:.2f}",
-        "in command": f"{client.commander or 'unknown'}{locks}",
+        "in command": f"{client.commander or 'unknown'}{followed}{locks}",
         **({"goal": str(accepted[-1])} if walks_to_goal else {}),
         **({"walk": client.remarks} if client.remarks else {}),
         **(start_lines(start[-1]) if start else {}),

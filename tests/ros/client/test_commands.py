@@ -65,7 +65,7 @@ def test_the_overview_names_the_next_step(supervisor: FakeSupervisor) -> None:
 
 def test_the_overview_waits_for_the_limit_of_a_walk(supervisor: FakeSupervisor) -> None:
     supervisor.mode.publish(String(data="walk"))
-    supervisor.commander.publish(String(data="plain"))
+    supervisor.commander.publish(String(data="none"))
     supervisor.factor.publish(Float64(data=1.0))
     StatusTopic(supervisor, topics.START_STATUS, LATCHED).publish(StartStatus("standing"))
     late = threading.Timer(0.5, lambda: supervisor.gait.publish(GaitStatus(True, False, blocked="stopped: a kerb")))
@@ -76,6 +76,7 @@ def test_the_overview_waits_for_the_limit_of_a_walk(supervisor: FakeSupervisor) 
         client.driver_state = "active"
         found = overview(client)
     assert found["walk"] == "stopped: a kerb" and found["goal"] == "running: 17 footsteps"
+    assert found["in command"] == "none, the robot follows its goal"
     late.join()
 
 
