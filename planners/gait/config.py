@@ -139,6 +139,7 @@ class SwingConfig:
     trip_lag: Positive  #: Least distance of a foot that tripped from its reference [m]
     trip_force: Share  #: Least force on a foot that tripped, away from its reference, as a share of the weight [-]
     trip_time: Positive  #: Time for which a foot that tripped only rises [s]
+    trip_back: NonNegative  #: Distance by which a foot that tripped is moved back [m]
     trip_landing: Positive  #: Least time from the end of that rise to the touchdown [s]
 
 

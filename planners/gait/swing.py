@@ -144,15 +144,15 @@ class SwingFoot:
 
     A foot ``trip_lag`` away from its reference has tripped, for example over the edge of a tile, if a force of at least
     ``trip_force`` of the weight, more horizontal than vertical, pushes it away from the reference. Otherwise it only
-    lags. Pushing harder would increase the friction that holds the foot. The reference therefore moves back
-    to the measured position, and before the planned touchdown it only rises for ``trip_time``.
+    lags. Pushing harder would increase the friction that holds the foot. The reference therefore moves back, to
+    ``trip_back`` beyond the measured position, and before the planned touchdown it only rises for ``trip_time``.
     """
 
     def __init__(self, config: SwingConfig) -> None:
         self.shape = SwingShape(**{name: getattr(config, name) for name in SwingShape._fields})
         others = (getattr(config, name) for name in SwingLimits._fields[1:])
         self._limits = unbox(SwingLimits(self.shape, *others))
-        self._trip_time = config.trip_time
+        self._trip_time, self._trip_back = config.trip_time, config.trip_back
 
     def lift(
         self,
@@ -194,7 +194,8 @@ class SwingFoot:
         if elapsed < min(swing.rising_until, duration) or not _is_caught(self._limits, swing.motion, sole.place, force):
             return swing
         motion, until = swing.motion.copy(), swing.rising_until
-        motion[0, :Z] = sole.x, sole.y
+        away = np.array([sole.x, sole.y]) - motion[0, :Z]
+        motion[0, :Z] += (1.0 + self._trip_back / math.hypot(*away)) * away
         motion[1:, :Z] = 0.0
         if elapsed < duration:
             until = elapsed + self._trip_time

@@ -110,7 +110,7 @@ def test_a_foot_that_trips_gives_way_and_only_rises_for_a_while() -> None:
     assert (free.trips, foot.trips) == (0, 1)
     assert free.edge == -np.inf and foot.edge == 0.02
     place = float(foot.position[0])
-    assert free.position[:2] - foot.position[:2] == pytest.approx([lag, 0.0])
+    assert free.position[:2] - foot.position[:2] == pytest.approx([lag + CONFIG.trip_back, 0.0])
     assert foot.velocity[0] == 0.0
     elapsed = at
     while elapsed < at + CONFIG.trip_time - 2 * DT:
