@@ -152,7 +152,7 @@ class ControlStack:
             self.build_law(robot, config, period=period, law=law)
             self.build_estimator(robot, config.estimator)
             self._supervisor = Supervisor(robot, gait=True) if supervised else None
-            self._description = robot.urdf.read_text(encoding="utf-8")
+            self._description = robot.description
 
     def build_estimator(self, robot: RobotModel, config: EstimatorConfig | None = None) -> StateEstimator:
         """Build or replace the estimator."""

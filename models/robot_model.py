@@ -31,7 +31,7 @@ class RobotModel:
         self.urdf = resolve_uri(profile.urdf, source.parent)  #: Path of the URDF
         #: Pinocchio model, free flyer first, with armature: ``pin.crba`` includes rotor inertia
         self.pin = pinocchio_from_urdf(self.urdf)
-        self.description = self.urdf.read_bytes()  #: Content of the URDF
+        self.description = self.urdf.read_text(encoding="utf-8", errors="replace")  #: Content of the URDF
         self.nq: int = self.pin.nq  #: Size of a configuration: base position (3), base quaternion xyzw (4), joints (nj)
         self.nv: int = self.pin.nv  #: Size of a velocity: base twist in the base frame (6), joints (nj)
         self.nj: int = self.nv - JOINTS_V  #: Number of joints

@@ -48,7 +48,7 @@ class LoopRecorder:
         ):
             log.announce(f"/{topic}", TYPES[topic], latched=topic in (topics.MODE, topics.ROBOT_DESCRIPTION))
         log.describe(DESCRIPTION, {ROBOT: self._robot.name})
-        urdf = self._robot.urdf.read_text(encoding="utf-8")
+        urdf = self._robot.description
         log.add(f"/{topics.ROBOT_DESCRIPTION}", bytes(serialize_message(String(data=urdf))), 0)
         self._now = 0
         self._mode: Mode | None = None

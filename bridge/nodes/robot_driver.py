@@ -163,7 +163,7 @@ class RobotDriver(PoiseNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition; publishers are active after it."""
         result = super().on_activate(state)
-        self._status.publish_latched(self.model.urdf.read_text(encoding="utf-8"), self.stamp)
+        self._status.publish_latched(self.model.description, self.stamp)
         return result
 
     def deactivate(self) -> None:
@@ -254,6 +254,8 @@ class RobotDriver(PoiseNode):
                 late.append(SUPERVISOR)
             oldest = min(self._truth.published, due) - given.yield_perception * NANOSECONDS
             late += [node for node, stamp in reached.items() if stamp < oldest]
+        if not late and not self._late_since:
+            return False
         for each in late:
             if each not in self._late_since:
                 self.counters[f"waits for {each}"] += 1

@@ -42,7 +42,7 @@ class _Robot:
     """A robot model, which equals another one of the same profile, apart from its ``laws``, and URDF."""
 
     profile: str
-    urdf: bytes
+    urdf: str
     model: RobotModel = field(compare=False)
 
 

@@ -183,3 +183,11 @@ def test_the_laws_of_a_profile_change_those_of_the_robot(write: Write) -> None:
 def test_laws_that_do_not_exist_are_named(write: Write, laws: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         load_gait_config(RobotModel.load(write({"extends": "g1", "laws": laws})))
+
+
+def test_a_urdf_in_another_encoding_is_loaded(tmp_path: Path, write: Write, g1: RobotModel) -> None:
+    robot = g1.description[g1.description.index("<robot") :]
+    text = f'<?xml version="1.0" encoding="latin-1"?>\n<!-- modèle -->\n{robot}'
+    (tmp_path / "other.urdf").write_text(text, encoding="latin-1")
+    model = RobotModel.load(write({"extends": "g1", "urdf": str(tmp_path / "other.urdf")}))
+    assert model.joint_names == g1.joint_names and "<!-- mod\ufffdle -->" in model.description
