@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from models.errors import RobotModelError
 from models.robot_model import RobotModel
+from models.types import Matrix
 from models.urdf import read_urdf, shapes_of
 
 _DRAWN = ("visual", "collision")  #: Kinds of shapes that represent the surface of a link, in order of preference
@@ -74,8 +75,13 @@ def _coarse_hull(vertices: bytes) -> coal.ConvexBase:
     height, turn = 1.0 - (2.0 * k + 1.0) / _DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
     radius = np.sqrt(1.0 - height**2)
     directions = np.column_stack((radius * np.cos(turn), radius * np.sin(turn), height))
+    return hull_of(mesh[np.unique((directions @ mesh.T).argmax(axis=1))])
+
+
+def hull_of(vertices: Matrix) -> coal.ConvexBase:
+    """Convex hull of points (n, 3) [m]."""
     points = coal.StdVec_Vec3s()
-    points.extend(mesh[np.unique((directions @ mesh.T).argmax(axis=1))])
+    points.extend(vertices)
     return coal.ConvexBase.convexHull(points, True, "Qt")
 
 

@@ -14,14 +14,16 @@ from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Vector
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import LEFT, RIGHT, Feet, Foothold, rotated
+from planners.gait.footsteps import LEFT, RIGHT, Feet, Foothold, Point, rotated
 from planners.gait.route import Footstep, check_footsteps, soles_at
 from planners.gait.tread import Tread
 from planners.terrain.config import TerrainMapConfig
 from planners.terrain.elevation_map import Heights, lattice, level_offset, off_level
 from planners.terrain.footstep_search import FootstepSearch, Places, Step
 from planners.terrain.ground_config import GroundConfig, PlanConfig
+from planners.terrain.leg_extent import leg_extents
 from planners.terrain.survey import GRID, SoleSurvey
+from planners.terrain.swing_sweep import Tops, sweeps_ground
 
 _WAY_STEP = 0.1  #: Step between the places of a way that are compared, as a share of the way [-]
 _AHEAD_MIN = 0.1  #: Least distance ahead of a sole of ground that may be the reason for the end of a plan [m]
@@ -59,7 +61,7 @@ class GroundPlanner:
         self._gait, self._ground = config, SoleSurvey(robot, config, plan.sole)
         mapping = default_config(TerrainMapConfig, "planners", "terrain_map")
         self._errors, self._roughness = mapping.feet, mapping.patches.roughness
-        self._search = FootstepSearch(config, plan, robot.feet[LEFT].rectangle)
+        self._search = FootstepSearch(config, plan, robot.feet[LEFT].rectangle, leg_extents(robot))
         self._limits = self._search.limits
         soles = soles_at(Foothold(0.0, 0.0, 0.0), config.reach.width)
         level = Heights(np.zeros((9, 9)), (0.0, 0.0), 0.1)
@@ -157,22 +159,39 @@ class GroundPlanner:
     def blocked(self, ground: Heights, query: GroundQuery) -> bool:
         """Whether the ground under, between or beside the planned footsteps has changed since they were planned."""
         feet, points, off, most = list(query.feet), self._ground.points, self.config.level, self.config.changed
+        slopes = [(0.0, 0.0), (0.0, 0.0)]
         for step in query.planned:
-            last, hold = feet[step.foot], step.hold
-            feet[step.foot] = hold
+            last, hold, stance = feet[step.foot], step.hold, feet[1 - step.foot]
+            tilted = slopes[step.foot], slopes[1 - step.foot], step.tread.slope if step.tread else (0.0, 0.0)
+            feet[step.foot], slopes[step.foot] = hold, tilted[2]
             if step.tread is None:
                 continue
             places = np.array([hold.moved(x, y) for x, y in points.tolist()])
             level = np.array([step.tread.height(hold, x, y) for x, y in places.tolist()])
             if (np.abs(ground.at(places) - level) > off).mean() > most:
                 return True
-            if self._ground.leg_in_ground(ground, hold) > off:
+            if self._legs_in_ground(ground, (last, stance, hold), tilted, step.tread.over):
                 return True
             way = np.array([last.x - hold.x, last.y - hold.y])
             between = np.concatenate([places + share * way for share in np.arange(0.0, 1.0, _WAY_STEP)])
             if (ground.at(between) > max(last.z, hold.z) + step.over + off).mean() > most:
                 return True
         return False
+
+    def _legs_in_ground(
+        self, ground: Heights, feet: tuple[Foothold, ...], slopes: tuple[Point, ...], over: float
+    ) -> bool:
+        """Whether a leg is ``level`` deep in ground in a step: foot before it, stance foot, foot after it; slopes."""
+        line, limits = feet[2], self._search.sweep
+        at = np.array([(*line.relative(foot.x, foot.y), foot.z) for foot in feet])
+        (back, right), (front, left) = at[:, :2].min(axis=0), at[:, :2].max(axis=0)
+        reach = float(np.abs(limits.legs.table).max())
+        ways, sides = np.arange(back - reach, front + reach, GRID[0]), np.arange(right, left + GRID[1], GRID[1])
+        tops = Tops(ways, sides, self._ground.tops(ground, line, ways, sides))
+        c, s = math.cos(line.yaw), math.sin(line.yaw)
+        first, second, third = (c * x + s * y for x, y in slopes)
+        before, stance, place = at
+        return sweeps_ground(before, stance, place, (first, second, third), over, tops, limits, -self.config.level)
 
     @staticmethod
     def _known(ground: Heights, query: GroundQuery) -> bool:

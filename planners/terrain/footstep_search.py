@@ -9,13 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.numerics.compiled import njit
+from models.numerics.compiled import njit, register_jitable
 from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, RIGHT
 from planners.gait.tread import leg_height
 from planners.terrain.ground_config import PlanConfig
-from planners.terrain.survey import Survey
+from planners.terrain.leg_extent import LegExtents
+from planners.terrain.survey import GRID, Survey
+from planners.terrain.swing_sweep import SweepLimits, Tops, sweep_limits, sweeps_ground
 
 _DEPTH = 40  #: Largest number of footsteps of a plan
 _WIDTH = 80  #: Beam width: partial plans that are kept after each step
@@ -92,6 +94,15 @@ class _Begun(NamedTuple):
     over: Vector  #: ``Tread.over`` of the last step (k,) [m]
 
 
+class _Candidates(NamedTuple):
+    """Candidate steps: positions along and across the line and heights (r, 3) [m], and ``Tread.over`` (r,) [m]."""
+
+    before: Matrix  #: Of the foot that steps
+    stance: Matrix  #: Of the other foot
+    place: Matrix  #: Of the foot after the step
+    over: Vector
+
+
 class FootstepSearch:
     """Beam search: extends at most ``_WIDTH`` partial plans by a step to every place in reach where a sole fits.
 
@@ -99,8 +110,11 @@ class FootstepSearch:
     both footholds, they are at most ``beside`` apart along the line. At the end they are side by side.
     """
 
-    def __init__(self, config: GaitConfig, plan: PlanConfig, sole: tuple[float, float, float, float]) -> None:
-        """``sole`` is the rectangle of a sole: x_min, x_max, y_min, y_max [m]."""
+    def __init__(
+        self, config: GaitConfig, plan: PlanConfig, sole: tuple[float, float, float, float], legs: LegExtents
+    ) -> None:
+        """``sole`` is the rectangle of a sole: x_min, x_max, y_min, y_max [m]; ``legs`` are the extents of a leg."""
+        self.sweep = sweep_limits(config, legs, plan.sole.higher, 0.5 * (sole[0] + sole[1]))
         self._costs, self._stance = _Costs(**asdict(plan.costs)), plan.stance + sole[3] - sole[2]
         reach, velocity, period = config.reach, config.velocity, config.period
         self.limits = _Limits(
@@ -181,16 +195,19 @@ class FootstepSearch:
         at[rows, foot] = np.stack([ways[i], sides[j], height], axis=1)
         value = cost - self._costs.left * at[:, :, 0].mean(axis=1) / self.limits.stride
         keys = np.column_stack([foot, np.round(at[:, :, 0] / _KEY[0]), np.round(at[:, :, 1] / _KEY[1])])
-        kept = _first_of_each(np.argsort(value, kind="stable"), keys, _WIDTH)
-        seen = begun.seen[parents] | fits
         over = overs[parents, along]
+        steps = _Candidates(begun.at[parents, foot], at[rows, 1 - foot], at[rows, foot], over)
+        kept = _choose(np.argsort(value, kind="stable"), keys, _WIDTH, steps, places, self.sweep)
+        seen = begun.seen[parents] | fits
         return parents[kept], place[kept], _Begun(at[kept], 1 - foot[kept], seen[kept], cost[kept], over[kept])
 
 
 @njit(cache=True)
-def _first_of_each(order: NDArray[np.int64], keys: Matrix, most: int) -> NDArray[np.int64]:
-    """At most ``most`` rows in the given order, only the first one of each key (k, 5)."""
-    kept, count = np.empty(most, np.int64), 0
+def _choose(
+    order: NDArray[np.int64], keys: Matrix, most: int, steps: _Candidates, places: Places, sweep: SweepLimits
+) -> NDArray[np.int64]:
+    """At most ``most`` rows in the given order, only the first one of each key (k, 5) whose swing is clear."""
+    kept, count, highest = np.empty(most, np.int64), 0, places.survey.top.max()
     for row in order:
         new = count < most
         for k in range(count):
@@ -200,12 +217,32 @@ def _first_of_each(order: NDArray[np.int64], keys: Matrix, most: int) -> NDArray
             for i in range(keys.shape[1]):
                 same = same and keys[row, i] == keys[kept[k], i]
             new = not same
-        if new:
+        if new and _is_clear(row, steps, places, sweep, highest):
             kept[count] = row
             count += 1
         if count == most:
             break
     return kept[:count]
+
+
+@njit(cache=True)
+def _is_clear(row: int, steps: _Candidates, places: Places, sweep: SweepLimits, highest: float) -> bool:
+    """Whether foot and leg of a candidate swing through no ground."""
+    before, stance, place = steps.before[row], steps.stance[row], steps.place[row]
+    slopes = _slope_at(places, before), _slope_at(places, stance), _slope_at(places, place)
+    if highest <= min(before[2], stance[2], place[2]) + sweep.higher:
+        return True
+    ground = Tops(places.ways, places.sides, places.survey.top)
+    return not sweeps_ground(before, stance, place, slopes, steps.over[row], ground, sweep, 0.0)
+
+
+@register_jitable
+def _slope_at(places: Places, foot: Vector) -> float:
+    """Slope of the ground along the line under a foot at the position ``foot`` (3,) [-]; 0 where no sole fits."""
+    ways, sides, survey = places
+    row = min(max(round((foot[0] - ways[0]) / GRID[0]), 0), len(ways) - 1)
+    column = min(max(round((foot[1] - sides[0]) / GRID[1]), 0), len(sides) - 1)
+    return float(survey.along[row, column]) if survey.fits[row, column] == 1 else 0.0
 
 
 @njit(cache=True)

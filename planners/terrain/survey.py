@@ -90,10 +90,10 @@ class SoleSurvey:
         fits, planes, _ = _fit_planes(grid, self.points, self._inverse, (self._sole.flat, self._sole.rough))
         return float(planes[0, 0, 2]) if fits[0, 0] == 1 else math.nan
 
-    def leg_in_ground(self, ground: Heights, hold: Foothold) -> float:
-        """Depth of the leg over a sole at ``hold`` in ground ahead or behind [m]; negative without contact."""
-        here = self.survey(ground, hold, np.zeros(1), np.zeros(1))
-        return float(here.wall[0, 0] - 1.0) * self._sole.wall
+    def tops(self, ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> Matrix:
+        """``Survey.top`` of places at ``ways`` along a line (n,) and ``sides`` across it (m,) [m]."""
+        heading = line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)
+        return _tops(_Lattice(*ground, heading, ways, sides), self._across)
 
 
 @njit(cache=True, forceinline=True)

@@ -1,0 +1,149 @@
+"""Ground that a foot or its leg would be in during a swing."""
+
+import math
+from typing import NamedTuple
+
+from models.numerics.compiled import njit, register_jitable
+from models.types import Matrix, Vector
+from planners.gait.config import GaitConfig
+from planners.gait.tread import clearance_over, leg_height, swing_shares
+from planners.terrain.leg_extent import LegExtents, extent_at, layer_at
+
+_TIMES = 12  #: Number of parts of a swing, at whose ends it is checked
+_ROWS = 2  #: Places from one to the next that is checked: a cell of the map
+
+
+class SweepLimits(NamedTuple):
+    """Parameters of the swing, for compiled code."""
+
+    legs: LegExtents
+    leg: float  #: Leg length [m]
+    width: float  #: Nominal width between the feet [m]
+    crouch: float  #: Least descent of the body from standing [m]
+    clearance: float  #: ``StrideConfig.clearance`` [m]
+    effort: float  #: ``StrideConfig.least_effort`` [-]
+    apex: float  #: ``SwingConfig.apex``; ``edge`` and ``edge_clearance`` likewise
+    edge: float
+    edge_clearance: float
+    early: float  #: Share of the swing before the touchdown at which it turns to the landing [-]
+    higher: float  #: ``SoleConfig.higher`` [m]
+    back: float  #: Distance of the hips behind the middle of the feet, with the CoM above the ZMP points [m]
+
+
+class Tops(NamedTuple):
+    """Highest ground across the width of a sole at places of a lattice along a line."""
+
+    ways: Vector  #: Positions along the line (n,), equally spaced [m]
+    sides: Vector  #: Positions across the line (m,), likewise [m]
+    top: Matrix  #: Height (n, m), -inf if unknown [m]
+
+
+def sweep_limits(config: GaitConfig, legs: LegExtents, higher: float, middle: float) -> SweepLimits:
+    """Limits for a gait with soles whose ``middle`` is ahead of the ankle [m].
+
+    The clearance is that of the slow gait, the crouch that of the fast one.
+    """
+    pace, swing = config.pace, config.swing
+    return SweepLimits(
+        legs,
+        config.leg,
+        config.reach.width,
+        pace.fast.crouch,
+        pace.slow.clearance,
+        pace.slow.least_effort,
+        swing.apex,
+        swing.edge,
+        swing.edge_clearance,
+        swing.freeze / pace.slow.single,
+        higher,
+        (legs.com - config.zmp * middle) / (1.0 - 2.0 * legs.lift),
+    )
+
+
+@njit(cache=True)
+def sweeps_ground(
+    before: Vector,
+    stance: Vector,
+    place: Vector,
+    slopes: tuple[float, float, float],
+    over: float,
+    ground: Tops,
+    limits: SweepLimits,
+    margin: float,
+) -> bool:
+    """Whether a leg comes within ``margin`` [m] of ground ahead or behind during a step from ``before`` to ``place``.
+
+    Positions are along and across the line, and heights (3,) [m]. Only ground more than ``higher`` above the sole
+    counts. The swing foot moves as in ``SwingFoot``. The body is upright, and its CoM as low as the longer leg
+    requires; so the hips are lower where a foot is raised, and behind the CoM where knees are bent. The CoM moves
+    between the middles of the feet with the cube of the time, since it diverges from the stance foot, also upwards.
+    ``leg_extent`` describes each leg. Soles are parallel to the ground: ``slopes`` along the line at the three
+    positions. ``over`` is that of ``Tread`` [m].
+    """
+    x0, y0, z0 = before
+    x1, y1, z1 = place
+    clearance = clearance_over(z1 - z0, limits.clearance, limits.edge_clearance, over)
+    apex, wait, settle = swing_shares(z1 - z0, clearance, x1 - x0, limits.apex, limits.edge, limits.early, over)
+    highest = max(z0, z1) + clearance
+    out = abs(y1 - stance[1]) - limits.width
+    square = 0.25 * ((x1 - stance[0]) ** 2 + out * out)
+    crouch = max(limits.crouch, limits.leg - leg_height(square, limits.leg) + 0.5 * abs(z1 - stance[2]))
+    lift = limits.legs.lift
+    for k in range(1, _TIMES + 1):
+        u = k / _TIMES
+        share = min(max((u - wait) / (1.0 - wait - settle), 0.0), 1.0)
+        moved = limits.effort * share * share * (3.0 - 2.0 * share) + (1.0 - limits.effort) * _quintic(share)
+        x, y = x0 + moved * (x1 - x0), y0 + moved * (y1 - y0)
+        if u < apex:
+            z = z0 + _quintic(u / apex) * (highest - z0)
+        else:
+            z = z1 + _quintic((1.0 - u) / (1.0 - apex)) * (highest - z1)
+        late = u * u * u
+        hip, level = 0.5 * (stance[0] + x0 + late * (x1 - x0)) - limits.back, 0.5 * (stance[2] + z0 + late * (z1 - z0))
+        lower = (crouch + lift * (z + stance[2] - 2.0 * level)) / (1.0 - 2.0 * lift) - level
+        slope = slopes[0] + moved * (slopes[2] - slopes[0])
+        if _in_ground(x, y, z, slope, hip - x, lower + z, ground, limits, margin):
+            return True
+        if _in_ground(
+            stance[0], stance[1], stance[2], slopes[1], hip - stance[0], lower + stance[2], ground, limits, margin
+        ):
+            return True
+    return False
+
+
+@register_jitable
+def _in_ground(
+    x: float,
+    y: float,
+    z: float,
+    slope: float,
+    ahead: float,
+    lower: float,
+    ground: Tops,
+    limits: SweepLimits,
+    margin: float,
+) -> bool:
+    """Whether a leg is within ``margin`` of ground: sole at x, y, z with a slope, hip ``ahead`` of it and ``lower``."""
+    ways, sides, top = ground
+    legs, count = limits.legs, limits.legs.table.shape[2]
+    spacing = ways[1] - ways[0] if len(ways) > 1 else 1.0
+    beside = sides[1] - sides[0] if len(sides) > 1 else 1.0
+    column = min(max(round((y - sides[0]) / beside), 0), len(sides) - 1)
+    back, front = extent_at(legs, ahead, lower, count - 1, 0), extent_at(legs, ahead, lower, count - 1, 1)
+    first = max(math.ceil((x + back - margin - ways[0]) / spacing), 0)
+    last = min(math.floor((x + front + margin - ways[0]) / spacing), len(ways) - 1)
+    for row in range(first, last + 1, _ROWS):
+        way = ways[row] - x
+        height = top[row, column] - z - slope * way
+        if height > limits.higher:
+            layer = layer_at(height, count)
+            low, high = extent_at(legs, ahead, lower, layer, 0), extent_at(legs, ahead, lower, layer, 1)
+            if low - margin < way < high + margin:
+                return True
+    return False
+
+
+@njit(cache=True, forceinline=True)
+def _quintic(share: float) -> float:
+    """Way of a quintic from rest to rest, as a share, after a share of its time."""
+    return share * share * share * (10.0 + share * (6.0 * share - 15.0))
