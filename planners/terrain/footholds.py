@@ -218,7 +218,7 @@ class GroundPlanner:
             return f"the ground ahead is {abs(rise):.2f} m {way}, at most {reach.rise:.2f} m"
         if np.isnan(rises).any():
             return "the ground ahead is not known, perhaps an edge"
-        why = f"no room for a sole up to {reach.forward:.2f} m ahead"
+        why = f"no room for sole and leg up to {reach.forward:.2f} m ahead"
         over = float(rises.max())
         most = self._limits.over
         return why if over <= most else f"{why}, and it is {over:.2f} m higher, at most {most:.2f} m to step over"
