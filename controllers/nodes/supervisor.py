@@ -75,6 +75,7 @@ class SupervisorNode(PoiseNode):
         self._driver_state = self._published = self._requested = ""
         self._requests = self._answered = 0
         self._last_answer = ""
+        self._found, self._logged = ["not checked"], ["not checked"]  # causes of the last check, and as logged
         self._probe_until = self._adopting_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
@@ -133,8 +134,7 @@ class SupervisorNode(PoiseNode):
             evidence = self._probe.evidence(self._reports.description, self._reports.incompatible)
             findings = preflight(self.model, self._config, evidence, self._rates)
             findings = (*self._unsupported(), *self._reports.intruders, *findings)
-            if [cause_of(finding) for finding in findings] != [cause_of(finding) for finding in law.preflight]:
-                self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
+            self._log_preflight(findings)
             law.set_preflight(findings)
             self._probe_until += self._listen_time
             if self._auto_stand and self._driver_state == topics.HELD and not law.preflight and not law.faults:
@@ -142,6 +142,14 @@ class SupervisorNode(PoiseNode):
         self._time.publish(clock_message(self._reports.state_stamp))
         self._publish_mode()
         self._commands.publish()
+
+    def _log_preflight(self, findings: tuple[str, ...]) -> None:
+        """Log a new result; findings only once they repeat, since nodes start one after another."""
+        causes = [cause_of(finding) for finding in findings]
+        repeated, self._found = causes == self._found, causes
+        if causes != self._logged and (repeated or not causes):
+            self._logged = causes
+            self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
 
     def _unsupported(self) -> tuple[str, ...]:
         """Reason why a hanging or a real damped robot cannot stand: the condition that its start waits for."""
