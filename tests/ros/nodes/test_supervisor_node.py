@@ -7,6 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from msgspec.structs import replace
+from rcl_interfaces.msg import Log
 from std_msgs.msg import Empty, String
 
 from controllers.nodes.supervisor import SupervisorNode
@@ -120,6 +121,19 @@ def test_only_a_request_damps_a_robot_that_relaxes(bench: Any, world: World, g1:
     assert world.modes[-1] == "stand"
     assert world.call("estop")[0]
     bench.wait(lambda: world.modes[-1] == "damp")
+
+
+def test_preflight_findings_are_logged_once_they_repeat(bench: Any) -> None:
+    """The first check finds nodes that have not started yet; a result that passes is logged at once."""
+    logged: list[str] = []
+    bench.world.create_subscription(Log, "/rosout", lambda m: logged.append(m.msg), EVENT)
+    node = bench.add(SupervisorNode, lockstep=True, preflight_time=0.6)
+    bench.wait(lambda: bench.world.count_publishers("/rosout") > 1 and node._law.preflight)
+    bench.spin(0.1)  # less than the next check takes
+    assert not [line for line in logged if line.startswith("preflight")]
+    bench.wait(lambda: [line for line in logged if line.startswith("preflight: robot_description was not received")])
+    bench.spin(1.5)
+    assert len([line for line in logged if line.startswith("preflight")]) == 1
 
 
 def test_a_robot_that_falls_after_the_checks_is_not_armed(bench: Any, world: World, g1: RobotModel) -> None:
