@@ -88,10 +88,13 @@ class GroundPlanner:
     def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
         """Footsteps from the feet of a query to the end of its way, or as near to it as possible.
 
-        If they end within ``short_way``, plans along the parallel lines are tried too: wide soles can stand on both
-        sides of a gap along the way. It is used if no ground between it and the line is too high for a step.
+        If there are none, the feet may first step back by ``beside``, since a knee may meet a riser close ahead. If
+        they end within ``short_way``, plans along the parallel lines are tried too: wide soles can stand on both sides
+        of a gap along the way. It is used if no ground between it and the line is too high for a step.
         """
         found, way = self._plan_along(ground, query, query.line)
+        if found.reason and not found.steps:
+            found, way = self._plan_along(ground, query, query.line, back=self.config.beside)
         begin = max(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
         if not found.reason or way >= begin + self.config.short_way:
             return found
@@ -110,11 +113,14 @@ class GroundPlanner:
         return found
 
     def _plan_along(
-        self, ground: Heights, query: GroundQuery, line: Foothold, least: float = -math.inf
+        self, ground: Heights, query: GroundQuery, line: Foothold, least: float = -math.inf, back: float = 0.0
     ) -> tuple[GroundPlan, float]:
-        """Plan along a line, and the position of its leading foot [m]; none if no sole fits as far as ``least`` [m]."""
+        """Plan along a line, and the position of its leading foot [m]; none if no sole fits as far as ``least`` [m].
+
+        The first places are ``back`` [m] behind the feet.
+        """
         at = np.array([(*line.relative(sole.x, sole.y), sole.z) for sole in query.feet])
-        count = max(math.ceil((query.distance - float(at[:, 0].min())) / GRID[0]), 0) + 1
+        count = max(math.ceil((query.distance - float(at[:, 0].min()) + back) / GRID[0]), 0) + 1
         ways: Vector = np.asarray(query.distance - GRID[0] * np.arange(count)[::-1], dtype=np.float64)
         half = round(self.config.aside / GRID[1])
         sides: Vector = np.asarray(GRID[1] * np.arange(-half, half + 1), dtype=np.float64)
