@@ -25,6 +25,7 @@ class CalibrationFile:
     def __init__(self, node: PoiseNode) -> None:
         self._node = node
         self._folder = str(node.get_parameter(CALIBRATION_DIR).value)
+        self._logged = ""
 
     @property
     def store(self) -> CalibrationStore | None:
@@ -45,5 +46,8 @@ class CalibrationFile:
         if refused:
             node.values["calibration refused"] = "; ".join(refused)
             node.refuse("calibration file", "; ".join(refused))
-        node.get_logger().info(f"calibration: {node.values['calibration']} ({store.path})")
+        report = f"calibration: {node.values['calibration']} ({store.path})"
+        if report != self._logged:
+            node.get_logger().info(report)
+        self._logged = report
         return found
