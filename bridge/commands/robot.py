@@ -113,7 +113,7 @@ def walk(
         from bridge.ros.walk import walk_to
 
         if to is not None:
-            raise typer.Exit(print_reply(walk_to(client, to, around)))
+            raise typer.Exit(print_reply(walk_to(client, to, around, typer.echo)))
         raise typer.Exit(print_reply(drive(client, (forward or 0.0, left, turn), seconds)))
 
 

@@ -35,6 +35,7 @@ STEP_TIMEOUT = 2.0  #: Longest mean time of a footstep [s]; start and end of a w
 RESET_TIMEOUT = 60.0  #: Longest wait until the robot stands after a reset [s]
 STAND_PERIOD = 2.0  #: Time between two requests to stand after a reset [s]
 STANDSTILL_TIMEOUT = 10.0  #: Longest wait for mode 'stand' after the last velocity [s]
+REPORT_PERIOD = 5.0  #: Time between two reports on the way to a goal [s]
 LATE = 0.3  #: Longest wait for the mode, and its reasons, after the end of a motion or a walk [s]
 SILENCE = 5.0  #: Time without odometry after which a request ends [s]
 
@@ -63,12 +64,16 @@ class RobotClock:
             raise CommandError(f"no message on {topics.ODOM} for {SILENCE:g} s: {why}")
         return self._now
 
+    def base(self) -> Foothold | None:
+        """Pose of the base in ``odom``; None without a valid message."""
+        try:
+            return self._newest and foothold_from_pose(topics.ODOM, self._newest.pose.pose)
+        except MessageError:
+            return None
+
     def place(self) -> str:
         """Pose of the base in ``odom`` as text; empty without a valid message."""
-        try:
-            base = self._newest and foothold_from_pose(topics.ODOM, self._newest.pose.pose)
-        except MessageError:
-            return ""
+        base = self.base()
         return f"; base at x {base.x:.2f} m, y {base.y:.2f} m, heading {base.yaw:.2f} rad" if base else ""
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
@@ -155,12 +160,18 @@ def _reasons(client: Client) -> str:
     return "; ".join(found) or "the terminal of poise up and ros2 topic echo /refusals show the reason"
 
 
-def walk_to(client: Client, goal: tuple[float, float, float], around: bool | None = None) -> CommandReply:
+def walk_to(
+    client: Client,
+    goal: tuple[float, float, float],
+    around: bool | None = None,
+    report: Callable[[str], object] | None = None,
+) -> CommandReply:
     """Request mode walk, send a goal, wait until the robot has arrived, and request mode stand.
 
     ``goal`` is x [m], y [m] and heading [rad] of the midpoint of the soles, in ``odom``. The reply is accepted when the
-    robot has arrived. Unless None, ``around`` first sets the parameter of that name of the gait planner. Raises
-    ``CommandError`` for a goal that is not finite, and without a subscriber or an answer.
+    robot has arrived. Unless None, ``around`` first sets the parameter of that name of the gait planner. On the way
+    ``report`` receives the distance from the goal, every ``REPORT_PERIOD``. Raises ``CommandError`` for a goal that is
+    not finite, and without a subscriber or an answer.
     """
     if not all(map(math.isfinite, goal)):
         raise CommandError(f"goal {goal}: x [m], y [m] and heading [rad] must be finite")
@@ -182,6 +193,15 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
     def begun() -> bool:  # the planner publishes its margin once it controls the robot
         return publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value and bool(margins)
 
+    reported = time.monotonic()
+
+    def arrived() -> bool:
+        nonlocal reported
+        if report is not None and time.monotonic() > reported + REPORT_PERIOD and (base := clock.base()) is not None:
+            reported = time.monotonic()
+            report(f"{math.hypot(goal[0] - base.x, goal[1] - base.y):.2f} m from the goal")
+        return routes[-1].state is not RouteState.RUNNING
+
     client.expect(begun, ANSWER_TIMEOUT, "subscriber in mode 'walk' on", topics.GOAL_POSE)
     end, before = time.monotonic() + ANSWER_TIMEOUT, len(client.gaits)
     with _stand_after_interrupt(client):
@@ -190,7 +210,7 @@ def walk_to(client: Client, goal: tuple[float, float, float], around: bool | Non
             client.wait(lambda: bool(routes), 1.0)
         if not routes:
             return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
-        clock.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
+        clock.wait(arrived, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
     done = routes[-1].state is RouteState.DONE
     if not done:  # the cause may be reported later
         client.wait(lambda: bool(client.obstacle), LATE)

@@ -50,7 +50,7 @@ def leg_extent(robot: RobotModel, crouch: float) -> Matrix:
 def leg_extents(robot: RobotModel) -> LegExtents:
     """Extents of a leg for hips ahead of the sole, behind it, and lower than in 'stand'; the sole is level.
 
-    Where the leg is too short for a position, the next lower one of the hip counts.
+    Where the leg does not reach a position, the next lower one of the hip counts, or else the next one nearer the sole.
     """
     leg, step = _Leg(robot), _STEP * robot.leg_length
     table = np.full((2 * _AHEAD + 1, _LOWER + 1, len(_HEIGHTS), 2), np.nan)
@@ -67,6 +67,10 @@ def leg_extents(robot: RobotModel) -> LegExtents:
     for j in range(_LOWER - 1, -1, -1):
         short = np.isnan(table[:, j])
         table[:, j][short] = table[:, j + 1][short]
+    for side in (1, -1):
+        for i in range(1, _AHEAD + 1):
+            row, nearer = table[_AHEAD + side * i], table[_AHEAD + side * (i - 1)]
+            row[np.isnan(row)] = nearer[np.isnan(row)]
     return LegExtents(table, step, *leg.com(_BENT * step))
 
 

@@ -162,6 +162,26 @@ def test_the_obstacle_that_ended_a_goal_is_named(supervisor: FakeSupervisor) -> 
     )
 
 
+def test_the_distance_from_the_goal_is_reported_on_the_way(
+    supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(walk, "REPORT_PERIOD", 0.0)
+    supervisor.record = replace(supervisor.record, holds=())
+    routes, reports = StatusTopic(supervisor, topics.ROUTE_STATUS), list[str]()
+
+    def report(text: str) -> None:
+        reports.append(text)
+        routes.publish(RouteStatus(RouteState.DONE, 3))
+
+    running = RouteStatus(RouteState.RUNNING, 3)
+    supervisor.create_subscription(PoseStamped, topics.GOAL_POSE, lambda _: routes.publish(running), EVENT)
+    margin = supervisor.create_publisher(Float64, topics.GAIT_CAPTURE_MARGIN, SENSOR)
+    supervisor.create_timer(0.05, lambda: margin.publish(Float64()))
+    with Client() as client:
+        assert walk.walk_to(client, (0.3, 0.4, 0.0), report=report).accepted
+    assert reports[0] == "0.50 m from the goal"
+
+
 @pytest.mark.long
 def test_a_pause_is_named(supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(walk, "SILENCE", 1.0)
