@@ -70,19 +70,19 @@ def _coarse_hull(vertices: bytes) -> coal.ConvexBase:
 
     Found once per process for each mesh. ``vertices`` are float64 (n, 3).
     """
-    mesh = np.frombuffer(vertices).reshape(-1, 3)
+    points = coal.StdVec_Vec3s()
+    points.extend(extreme_points(np.frombuffer(vertices).reshape(-1, 3)))
+    return coal.ConvexBase.convexHull(points, True, "Qt")
+
+
+def extreme_points(vertices: Matrix) -> Matrix:
+    """Extreme points (k, 3) of a mesh (n, 3) in ``_DIRECTIONS`` directions."""
     k = np.arange(_DIRECTIONS)  # evenly spread along a Fibonacci spiral
     height, turn = 1.0 - (2.0 * k + 1.0) / _DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * k
     radius = np.sqrt(1.0 - height**2)
     directions = np.column_stack((radius * np.cos(turn), radius * np.sin(turn), height))
-    return hull_of(mesh[np.unique((directions @ mesh.T).argmax(axis=1))])
-
-
-def hull_of(vertices: Matrix) -> coal.ConvexBase:
-    """Convex hull of points (n, 3) [m]."""
-    points = coal.StdVec_Vec3s()
-    points.extend(vertices)
-    return coal.ConvexBase.convexHull(points, True, "Qt")
+    extreme: Matrix = vertices[np.unique((directions @ vertices.T).argmax(axis=1))]
+    return extreme
 
 
 def body_shapes(

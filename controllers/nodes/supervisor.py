@@ -75,7 +75,8 @@ class SupervisorNode(PoiseNode):
         self._driver_state = self._published = self._requested = ""
         self._requests = self._answered = 0
         self._last_answer = ""
-        self._found, self._logged = ["not checked"], ["not checked"]  # causes of the last check, and as logged
+        self._found: list[str] | None = None  # causes of the last check
+        self._logged: list[str] | None = None
         self._probe_until = self._adopting_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)

@@ -49,5 +49,5 @@ class CalibrationFile:
         report = f"calibration: {node.values['calibration']} ({store.path})"
         if report != self._logged:
             node.get_logger().info(report)
-        self._logged = report
+            self._logged = report
         return found

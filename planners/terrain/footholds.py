@@ -88,13 +88,13 @@ class GroundPlanner:
     def plan(self, ground: Heights, query: GroundQuery) -> GroundPlan:
         """Footsteps from the feet of a query to the end of its way, or as near to it as possible.
 
-        If there are none, the feet may first step back by ``beside``, since a knee may meet a riser close ahead. If
+        If there are none because a leg would meet ground close ahead, the feet may first step back by ``retreat``. If
         they end within ``short_way``, plans along the parallel lines are tried too: wide soles can stand on both sides
         of a gap along the way. It is used if no ground between it and the line is too high for a step.
         """
-        found, way = self._plan_along(ground, query, query.line)
-        if found.reason and not found.steps:
-            found, way = self._plan_along(ground, query, query.line, back=self.config.beside)
+        found, way, met = self._plan_along(ground, query, query.line)
+        if met and not found.steps:
+            found, way, _ = self._plan_along(ground, query, query.line, retreat=self.config.retreat)
         begin = max(query.line.relative(sole.x, sole.y)[0] for sole in query.feet)
         if not found.reason or way >= begin + self.config.short_way:
             return found
@@ -107,28 +107,28 @@ class GroundPlanner:
         for side in (shift, -shift):
             x, y = query.line.moved(0.0, side)
             least = way + self._limits.stride
-            other, end = self._plan_along(ground, query, structs.replace(query.line, x=x, y=y), least)
+            other, end, _ = self._plan_along(ground, query, structs.replace(query.line, x=x, y=y), least)
             if end > least:
                 found, way = other, end
         return found
 
     def _plan_along(
-        self, ground: Heights, query: GroundQuery, line: Foothold, least: float = -math.inf, back: float = 0.0
-    ) -> tuple[GroundPlan, float]:
-        """Plan along a line, and the position of its leading foot [m]; none if no sole fits as far as ``least`` [m].
+        self, ground: Heights, query: GroundQuery, line: Foothold, least: float = -math.inf, retreat: float = 0.0
+    ) -> tuple[GroundPlan, float, bool]:
+        """Plan along a line, the position of its leading foot [m], and whether a leg would meet ground otherwise.
 
-        The first places are ``back`` [m] behind the feet.
+        There is no plan if no sole fits as far as ``least`` [m]. The first places are ``retreat`` [m] behind the feet.
         """
         at = np.array([(*line.relative(sole.x, sole.y), sole.z) for sole in query.feet])
-        count = max(math.ceil((query.distance - float(at[:, 0].min()) + back) / GRID[0]), 0) + 1
+        count = max(math.ceil((query.distance - float(at[:, 0].min()) + retreat) / GRID[0]), 0) + 1
         ways: Vector = np.asarray(query.distance - GRID[0] * np.arange(count)[::-1], dtype=np.float64)
         half = round(self.config.aside / GRID[1])
         sides: Vector = np.asarray(GRID[1] * np.arange(-half, half + 1), dtype=np.float64)
         places = Places(ways, sides, self._ground.survey(ground, line, ways, sides))
         if places.farthest < least:
-            return GroundPlan([], ""), -math.inf
+            return GroundPlan([], ""), -math.inf, False
         known = self._known(ground, query)
-        found = self._search.steps(places, at, query.foot, known=known, distance=query.distance)
+        found, met = self._search.steps(places, at, query.foot, known=known, distance=query.distance)
         steps = [_footstep(line, places, step, self.config.sole.beside) for step in found]
         refusal = self._refusal(steps, query.feet)
         if refusal:
@@ -139,7 +139,8 @@ class GroundPlanner:
         leading = max(feet, key=lambda sole: line.relative(sole.x, sole.y)[0])
         way = line.relative(leading.x, leading.y)[0]
         arrived = query.distance - way <= self.config.arrived
-        return GroundPlan(steps, "" if arrived else refusal or self._obstacle(ground, leading, line.yaw)), way
+        reason = "" if arrived else refusal or self._obstacle(ground, leading, line.yaw, met)
+        return GroundPlan(steps, reason), way, met
 
     def level(self, ground: Heights, query: GroundQuery) -> bool | None:
         """Whether the ground along the way is level where the feet step, so that no plan is needed.
@@ -213,8 +214,8 @@ class GroundPlanner:
             return str(error)
         return ""
 
-    def _obstacle(self, ground: Heights, stance: Foothold, yaw: float) -> str:
-        """Reason why no foot can be placed ahead of a stance foot."""
+    def _obstacle(self, ground: Heights, stance: Foothold, yaw: float, met: bool) -> str:
+        """Reason why no foot can be placed ahead of a stance foot; ``met``: whether a leg would meet ground."""
         reach, pose = self._gait.reach, Foothold(stance.x, stance.y, yaw)
         rises = ground.at(lattice(pose, np.arange(_AHEAD_MIN, reach.forward, 0.02), 0.0)) - stance.z
         beyond = rises[np.abs(rises) > reach.rise]
@@ -224,8 +225,10 @@ class GroundPlanner:
             return f"the ground ahead is {abs(rise):.2f} m {way}, at most {reach.rise:.2f} m"
         if np.isnan(rises).any():
             return "the ground ahead is not known, perhaps an edge"
-        why = f"no room for sole and leg up to {reach.forward:.2f} m ahead"
         over = float(rises.max())
+        if met and over > self.config.level:
+            return f"a leg would meet the ground ahead, which is {over:.2f} m higher"
+        why = f"no room for a sole up to {reach.forward:.2f} m ahead"
         most = self._limits.over
         return why if over <= most else f"{why}, and it is {over:.2f} m higher, at most {most:.2f} m to step over"
 

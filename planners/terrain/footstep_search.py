@@ -138,8 +138,12 @@ class FootstepSearch:
             config.swing.edge,
         )
 
-    def steps(self, places: Places, feet: Matrix, foot: int | None, *, known: bool, distance: float) -> list[Step]:
+    def steps(
+        self, places: Places, feet: Matrix, foot: int | None, *, known: bool, distance: float
+    ) -> tuple[list[Step], bool]:
         """Best steps towards the end of the way, at a ``distance`` along the line [m]; empty if there are none.
+
+        Also returns whether a step was refused because a leg would meet the ground.
 
         ``feet`` are the positions of both feet along and across the line and their heights (2, 3) [m]. ``foot`` steps
         first; None: either one. Unless the ground under the feet is ``known``, steps are felt until a sole is on known
@@ -151,7 +155,7 @@ class FootstepSearch:
         zero = np.zeros(count)
         begun = _Begun(np.array([feet] * count), np.array(starts), np.array([known] * count), zero, zero)
         history: list[tuple[NDArray[np.int64], NDArray[np.int64], _Begun]] = []  # parents, places, partial plans
-        best, end = math.inf, (-1, 0)
+        best, end, met = math.inf, (-1, 0), False
         left = max(distance - max(felt, places.farthest), 0.0)  # remaining distance after any number of steps
         least = self._costs.short * left / self.limits.stride
         for depth in range(_DEPTH + 1):
@@ -160,7 +164,8 @@ class FootstepSearch:
                 best, end = float(costs.min()), (depth, int(costs.argmin()))
             if depth == _DEPTH or not len(begun.cost) or begun.cost.min() + least >= best:  # more steps cost more
                 break
-            parents, chosen, begun = self._next(begun, places, felt)
+            parents, chosen, begun, refused = self._next(begun, places, felt)
+            met = met or refused
             history.append((parents, chosen, begun))
         steps: list[Step] = []
         depth, i = end
@@ -169,7 +174,7 @@ class FootstepSearch:
             row, column = divmod(int(chosen[i]), len(places.sides))
             steps.append(Step(stepped, row, column, float(after.at[i, stepped, 2]), float(after.over[i])))
             i = int(parents[i])
-        return steps[::-1]
+        return steps[::-1], met
 
     def _end_costs(self, begun: _Begun, distance: float) -> Vector:
         """Costs of plans that end here (k,); infinite if the feet are not side by side."""
@@ -181,8 +186,13 @@ class FootstepSearch:
         costs: Vector = np.where(stands, begun.cost + self._costs.short * left / self.limits.stride, np.inf)
         return costs
 
-    def _next(self, begun: _Begun, places: Places, felt: float) -> tuple[NDArray[np.int64], NDArray[np.int64], _Begun]:
-        """Partial plans that are one step longer: their parents (k,), the places of that step (k,), and the plans."""
+    def _next(
+        self, begun: _Begun, places: Places, felt: float
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], _Begun, bool]:
+        """Partial plans that are one step longer: their parents (k,), the places of that step (k,), and the plans.
+
+        Also returns whether a step was refused because a leg would meet the ground.
+        """
         ways, sides, survey = places
         costs, nearest, overs = _expand(begun, ways, sides, survey, felt, self.limits, self._costs)  # (k, n)
         parents, along = np.nonzero(np.isfinite(costs))
@@ -197,17 +207,21 @@ class FootstepSearch:
         keys = np.column_stack([foot, np.round(at[:, :, 0] / _KEY[0]), np.round(at[:, :, 1] / _KEY[1])])
         over = overs[parents, along]
         steps = _Candidates(begun.at[parents, foot], at[rows, 1 - foot], at[rows, foot], over)
-        kept = _choose(np.argsort(value, kind="stable"), keys, _WIDTH, steps, places, self.sweep)
+        kept, met = _choose(np.argsort(value, kind="stable"), keys, _WIDTH, steps, places, self.sweep)
         seen = begun.seen[parents] | fits
-        return parents[kept], place[kept], _Begun(at[kept], 1 - foot[kept], seen[kept], cost[kept], over[kept])
+        plans = _Begun(at[kept], 1 - foot[kept], seen[kept], cost[kept], over[kept])
+        return parents[kept], place[kept], plans, met
 
 
 @njit(cache=True)
 def _choose(
     order: NDArray[np.int64], keys: Matrix, most: int, steps: _Candidates, places: Places, sweep: SweepLimits
-) -> NDArray[np.int64]:
-    """At most ``most`` rows in the given order, only the first one of each key (k, 5) whose swing is clear."""
-    kept, count, highest = np.empty(most, np.int64), 0, places.survey.top.max()
+) -> tuple[NDArray[np.int64], bool]:
+    """At most ``most`` rows in the given order, only the first one of each key (k, 5) whose legs meet no ground.
+
+    Also returns whether any was left out because a leg would.
+    """
+    kept, count, highest, met = np.empty(most, np.int64), 0, places.survey.top.max(), False
     for row in order:
         new = count < most
         for k in range(count):
@@ -220,18 +234,20 @@ def _choose(
         if new and _is_clear(row, steps, places, sweep, highest):
             kept[count] = row
             count += 1
+        elif new:
+            met = True
         if count == most:
             break
-    return kept[:count]
+    return kept[:count], met
 
 
 @njit(cache=True)
 def _is_clear(row: int, steps: _Candidates, places: Places, sweep: SweepLimits, highest: float) -> bool:
     """Whether foot and leg of a candidate swing through no ground."""
     before, stance, place = steps.before[row], steps.stance[row], steps.place[row]
-    slopes = _slope_at(places, before), _slope_at(places, stance), _slope_at(places, place)
     if highest <= min(before[2], stance[2], place[2]) + sweep.higher:
         return True
+    slopes = _slope_at(places, before), _slope_at(places, stance), _slope_at(places, place)
     ground = Tops(places.ways, places.sides, places.survey.top)
     return not sweeps_ground(before, stance, place, slopes, steps.over[row], ground, sweep, 0.0)
 

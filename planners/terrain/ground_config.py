@@ -87,6 +87,7 @@ class PlanConfig:
     passed: Share  #: Largest height that a foot steps over, as a share of `reach.rise` [-]
     beside: Positive  #: Largest distance along the line between feet before and after a step to another level [m]
     together: Positive  #: The same at the end of a plan [m]
+    retreat: NonNegative  #: Distance by which the feet may step back if a leg would meet ground close ahead [m]
     comfort: Positive  #: Room ahead and back from which an edge has no cost [m]
     inside: NonNegative  #: Margin of planned steps to the limits of the reach [m]
     stance: Positive  #: Largest deviation from the nominal stance at the end of a plan, beyond the sole width [m]

@@ -10,7 +10,6 @@ from planners.gait.tread import clearance_over, leg_height, swing_shares
 from planners.terrain.leg_extent import LegExtents, extent_at, layer_at
 
 _TIMES = 12  #: Number of parts of a swing, at whose ends it is checked
-_ROWS = 2  #: Places from one to the next that is checked: a cell of the map
 
 
 class SweepLimits(NamedTuple):
@@ -27,7 +26,7 @@ class SweepLimits(NamedTuple):
     edge_clearance: float
     early: float  #: Share of the swing before the touchdown at which it turns to the landing [-]
     higher: float  #: ``SoleConfig.higher`` [m]
-    back: float  #: Distance of the hips behind the middle of the feet, with the CoM above the ZMP points [m]
+    hips_behind: float  #: Distance of the hips behind the middle of the feet while the CoM is above the ZMP points [m]
 
 
 class Tops(NamedTuple):
@@ -41,7 +40,8 @@ class Tops(NamedTuple):
 def sweep_limits(config: GaitConfig, legs: LegExtents, higher: float, middle: float) -> SweepLimits:
     """Limits for a gait with soles whose ``middle`` is ahead of the ankle [m].
 
-    The clearance is that of the slow gait, the crouch that of the fast one.
+    The clearance is that of the slow gait, the crouch that of the fast one. A foot moved along x moves the CoM by about
+    the same share as one moved along z (``LegExtents.lift``).
     """
     pace, swing = config.pace, config.swing
     return SweepLimits(
@@ -73,17 +73,18 @@ def sweeps_ground(
 ) -> bool:
     """Whether a leg comes within ``margin`` [m] of ground ahead or behind during a step from ``before`` to ``place``.
 
-    Positions are along and across the line, and heights (3,) [m]. Only ground more than ``higher`` above the sole
-    counts. The swing foot moves as in ``SwingFoot``. The body is upright, and its CoM as low as the longer leg
-    requires; so the hips are lower where a foot is raised, and behind the CoM where knees are bent. The CoM moves
-    between the middles of the feet with the cube of the time, since it diverges from the stance foot, also upwards.
-    ``leg_extent`` describes each leg. Soles are parallel to the ground: ``slopes`` along the line at the three
-    positions. ``over`` is that of ``Tread`` [m].
+    Positions are along and across the line, and heights (3,) [m]. Only known ground counts, if more than ``higher``
+    above the plane of the sole. The position of the swing foot is that of ``SwingFoot``. The body is upright, and its
+    CoM as low as the longer leg of this step requires; so the hips are lower where a foot is raised, and behind the CoM
+    by ``hips_behind``. The CoM moves between the middles of the feet about with the cube of the time, since it diverges
+    from the stance foot, also upwards. ``leg_extent`` describes each leg. ``slopes`` are those of the soles along the
+    line at the three positions. ``over`` is that of ``Tread`` [m].
     """
     x0, y0, z0 = before
     x1, y1, z1 = place
     clearance = clearance_over(z1 - z0, limits.clearance, limits.edge_clearance, over)
-    apex, wait, settle = swing_shares(z1 - z0, clearance, x1 - x0, limits.apex, limits.edge, limits.early, over)
+    way = math.hypot(x1 - x0, y1 - y0)
+    apex, wait, settle = swing_shares(z1 - z0, clearance, way, limits.apex, limits.edge, limits.early, over)
     highest = max(z0, z1) + clearance
     out = abs(y1 - stance[1]) - limits.width
     square = 0.25 * ((x1 - stance[0]) ** 2 + out * out)
@@ -99,7 +100,10 @@ def sweeps_ground(
         else:
             z = z1 + _quintic((1.0 - u) / (1.0 - apex)) * (highest - z1)
         late = u * u * u
-        hip, level = 0.5 * (stance[0] + x0 + late * (x1 - x0)) - limits.back, 0.5 * (stance[2] + z0 + late * (z1 - z0))
+        hip, level = (
+            0.5 * (stance[0] + x0 + late * (x1 - x0)) - limits.hips_behind,
+            0.5 * (stance[2] + z0 + late * (z1 - z0)),
+        )
         lower = (crouch + lift * (z + stance[2] - 2.0 * level)) / (1.0 - 2.0 * lift) - level
         slope = slopes[0] + moved * (slopes[2] - slopes[0])
         if _in_ground(x, y, z, slope, hip - x, lower + z, ground, limits, margin):
@@ -129,13 +133,13 @@ def _in_ground(
     spacing = ways[1] - ways[0] if len(ways) > 1 else 1.0
     beside = sides[1] - sides[0] if len(sides) > 1 else 1.0
     column = min(max(round((y - sides[0]) / beside), 0), len(sides) - 1)
-    back, front = extent_at(legs, ahead, lower, count - 1, 0), extent_at(legs, ahead, lower, count - 1, 1)
-    first = max(math.ceil((x + back - margin - ways[0]) / spacing), 0)
-    last = min(math.floor((x + front + margin - ways[0]) / spacing), len(ways) - 1)
-    for row in range(first, last + 1, _ROWS):
+    x_min, x_max = extent_at(legs, ahead, lower, count - 1, 0), extent_at(legs, ahead, lower, count - 1, 1)
+    first = max(math.ceil((x + x_min - margin - ways[0]) / spacing), 0)
+    last = min(math.floor((x + x_max + margin - ways[0]) / spacing), len(ways) - 1)
+    for row in range(first, last + 1):
         way = ways[row] - x
-        height = top[row, column] - z - slope * way
-        if height > limits.higher:
+        height = top[row, column] - z
+        if height - slope * way > limits.higher:
             layer = layer_at(height, count)
             low, high = extent_at(legs, ahead, lower, layer, 0), extent_at(legs, ahead, lower, layer, 1)
             if low - margin < way < high + margin:

@@ -196,7 +196,7 @@ def test_a_beam_that_is_too_high_to_step_over_ends_the_plan(mapper: TerrainMappe
     steps, reason = plan_on(mapper, lambda x, _: 0.19 * (0.5 <= x < 0.6), distance=1.0)
     assert all(step.hold.x + X_MAX < 0.5 for step in steps)
     assert re.fullmatch(
-        r"no room for sole and leg up to 0.55 m ahead, and it is 0.1\d m higher, at most 0.12 m to step over", reason
+        r"no room for a sole up to 0.55 m ahead, and it is 0.1\d m higher, at most 0.12 m to step over", reason
     )
 
 

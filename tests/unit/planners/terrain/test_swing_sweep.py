@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from models.leg_shapes import hull_of, leg_shapes
+from models.leg_shapes import leg_shapes
 from models.robot_model import RobotModel
 from planners.gait.footsteps import Foothold
 from planners.gait.reaction import pose_foot
@@ -50,6 +50,28 @@ def test_the_stance_leg_counts_as_well(robot: RobotModel) -> None:
     assert not meets(robot, 0.18, 0.15) and meets(robot, 0.18, 0.15, ahead=0.14)
 
 
+@pytest.mark.parametrize("over", [0.0, 0.12])
+def test_the_swing_foot_meets_a_post_that_it_does_not_know(robot: RobotModel, over: float) -> None:
+    """A post of 12 cm between two footholds on the floor, beside the stance leg."""
+    gait, (heel, toe, *_) = load_gait_config(robot), robot.feet[0].rectangle
+    limits = sweep_limits(gait, leg_extents(robot), 0.03, 0.5 * (heel + toe))
+    post = np.where(np.abs(WAYS - 0.04 - toe) < 0.02, 0.12, 0.0)
+    ground = Tops(WAYS, SIDES, np.column_stack([np.zeros(len(WAYS)), post]))
+    feet = [np.array(at) for at in ((0.0, 0.1, 0.0), (0.0, -0.1, 0.0), (0.1 + toe - heel, 0.1, 0.0))]
+    assert bool(sweeps_ground(*feet, (0.0, 0.0, 0.0), over, ground, limits, 0.0)) == (over == 0.0)
+
+
+@pytest.mark.parametrize("slope", [0.1, 0.2])
+def test_a_riser_on_a_slope_up_is_nearer_to_an_upright_leg(robot: RobotModel, slope: float) -> None:
+    """The leg stays upright where the sole is tilted. On a slope down the knee is farther from the riser."""
+    gaps = 0.005 * np.arange(40)
+
+    def farthest(tilt: float) -> float:
+        return max((gap for gap in gaps if meets(robot, 0.18, gap, slope=tilt)), default=0.0)
+
+    assert farthest(slope) > farthest(0.0) + 0.01 > farthest(-slope) + 0.01
+
+
 def test_no_leg_meets_a_plane(robot: RobotModel) -> None:
     for slope in (-0.2, -0.1, 0.0, 0.1, 0.2):
         assert not meets(robot, 0.0, 0.03, slope=slope)
@@ -72,12 +94,12 @@ def test_extents_between_their_positions_are_those_of_the_posed_leg(
     for body in leg_shapes(robot).geometryObjects:
         if body.parentJoint in leg:
             place = sole.actInv(data.oMi[body.parentJoint] * body.placement)
-            points.append(hull_of(body.geometry.vertices()).points() @ place.rotation.T + place.translation)
+            points.append(body.geometry.vertices() @ place.rotation.T + place.translation)
     x, _, z = np.concatenate(points).T
-    for height in (0.25, 0.4, 0.6):
-        layer = layer_at(height, extents.table.shape[2])
-        front = max(float(x[z <= height].max()), foot.rectangle[1])
-        assert extent_at(extents, ahead, lower, layer, 1) == pytest.approx(front, abs=0.02)
+    for height in (0.10, 0.15, 0.20, 0.4, 0.6):
+        layer, below = layer_at(height, extents.table.shape[2]), [*foot.rectangle[:2], *x[z <= height]]
+        ends = [extent_at(extents, ahead, lower, layer, end) for end in (0, 1)]
+        np.testing.assert_allclose(ends, [min(below), max(below)], atol=0.03)
 
 
 def test_under_the_hip_the_extents_are_those_at_a_foothold(robot: RobotModel) -> None:
