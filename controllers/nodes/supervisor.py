@@ -75,8 +75,8 @@ class SupervisorNode(PoiseNode):
         self._driver_state = self._published = self._requested = ""
         self._requests = self._answered = 0
         self._last_answer = ""
-        self._found: list[str] | None = None  # causes of the last check
-        self._logged: list[str] | None = None
+        self._failed = False  # whether the last check had findings
+        self._logged: list[str] | None = None  # causes of the findings that were logged last
         self._probe_until = self._adopting_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
@@ -145,10 +145,10 @@ class SupervisorNode(PoiseNode):
         self._commands.publish()
 
     def _log_preflight(self, findings: tuple[str, ...]) -> None:
-        """Log a new result; findings only once they repeat, since nodes start one after another."""
+        """Log a new result; findings from the second check in a row that has some, since nodes start one by one."""
         causes = [cause_of(finding) for finding in findings]
-        repeated, self._found = causes == self._found, causes
-        if causes != self._logged and (repeated or not causes):
+        failed, self._failed = self._failed, bool(findings)
+        if causes != self._logged and (failed or not findings):
             self._logged = causes
             self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
 

@@ -123,7 +123,7 @@ def test_only_a_request_damps_a_robot_that_relaxes(bench: Any, world: World, g1:
     bench.wait(lambda: world.modes[-1] == "damp")
 
 
-def test_preflight_findings_are_logged_once_they_repeat(bench: Any) -> None:
+def test_preflight_findings_are_logged_from_the_second_check_on(bench: Any) -> None:
     """The first check finds nodes that have not started yet; a result that passes is logged at once."""
     logged: list[str] = []
     bench.world.create_subscription(Log, "/rosout", lambda m: logged.append(m.msg), EVENT)
