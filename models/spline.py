@@ -12,6 +12,7 @@ _PEAK_VELOCITY = 1.875  #: Peak of ds/du of the minimum-jerk blend
 _PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)  #: Peak of d2s/du2 of the minimum-jerk blend
 
 
+@register_jitable
 def min_jerk(u: float) -> tuple[float, float, float]:
     """Minimum-jerk blend s = 10 u^3 - 15 u^4 + 6 u^5 for u in [0, 1], ds/du and d2s/du2; both are zero at both ends.
 

@@ -132,5 +132,10 @@ def crouch_between(first: Foothold, last: Foothold, side: float, width: float, l
     ``last`` is on the ``side`` of ``first`` (+1 left), in the nominal stance ``width`` away [m].
     """
     along, left = first.relative(last.x, last.y)
-    square = 0.25 * (along * along + (left - side * width) ** 2)
-    return leg - leg_height(square, leg) + 0.5 * abs(last.z - first.z)
+    return step_crouch(along, left - side * width, last.z - first.z, leg)
+
+
+@register_jitable
+def step_crouch(along: float, wider: float, rise: float, leg: float) -> float:
+    """``crouch_between`` for soles this far apart along the way, beyond the nominal width, and in height [m]."""
+    return leg - leg_height(0.25 * (along * along + wider * wider), leg) + 0.5 * abs(rise)

@@ -13,7 +13,7 @@ from models.numerics.compiled import njit, register_jitable
 from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, RIGHT
-from planners.gait.tread import leg_height
+from planners.gait.tread import step_crouch
 from planners.terrain.ground_config import PlanConfig
 from planners.terrain.leg_extent import LegExtents
 from planners.terrain.survey import GRID, Survey
@@ -323,8 +323,7 @@ def _expand(
                 farther = max(swing - 2.0 * limits.stride, 0.0)
                 off, wider = sides[j] - 0.5 * side * limits.width, out - limits.width
                 value = begun.cost[n] + 1.0 + costs.long * (longer * longer + farther * farther)
-                square = 0.25 * (ahead * ahead + wider * wider)
-                crouch = limits.leg - leg_height(square, limits.leg) + 0.5 * abs(rise)
+                crouch = step_crouch(ahead, wider, rise, limits.leg)
                 value += costs.crouch * crouch * crouch
                 if survey.fits[i, j] == 1:
                     value += costs.wall * survey.wall[i, j] * survey.wall[i, j]

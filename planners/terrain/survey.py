@@ -72,8 +72,7 @@ class SoleSurvey:
         more = round(sole.along / GRID[0])  # extra places, for the room of the first and last
         beyond = GRID[0] * np.arange(1, more + 1)
         longer = np.concatenate([ways[0] - beyond[::-1], ways, ways[-1] + beyond])
-        heading = line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)
-        grid = _Lattice(*ground, heading, longer, sides)
+        grid = _lattice_on(ground, line, longer, sides)
         fits, planes, bounds = _fit_planes(grid, self.points, self._inverse, (sole.flat, sole.rough))
         height = planes[..., 2]
         wall = _walls(grid, self._leg, self._across, fits, planes, sole.higher, sole.wall)
@@ -85,15 +84,17 @@ class SoleSurvey:
 
     def height_under(self, ground: Heights, hold: Foothold) -> float:
         """Height of the plane under a sole at ``hold`` [m]; nan if the sole does not fit."""
-        heading = hold.x, hold.y, math.cos(hold.yaw), math.sin(hold.yaw)
-        grid = _Lattice(*ground, heading, np.zeros(1), np.zeros(1))
+        grid = _lattice_on(ground, hold, np.zeros(1), np.zeros(1))
         fits, planes, _ = _fit_planes(grid, self.points, self._inverse, (self._sole.flat, self._sole.rough))
         return float(planes[0, 0, 2]) if fits[0, 0] == 1 else math.nan
 
     def tops(self, ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> Matrix:
         """``Survey.top`` of places at ``ways`` along a line (n,) and ``sides`` across it (m,) [m]."""
-        heading = line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)
-        return _tops(_Lattice(*ground, heading, ways, sides), self._across)
+        return _tops(_lattice_on(ground, line, ways, sides), self._across)
+
+
+def _lattice_on(ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> _Lattice:
+    return _Lattice(*ground, (line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)), ways, sides)
 
 
 @njit(cache=True, forceinline=True)

@@ -4,9 +4,10 @@ import math
 from typing import NamedTuple
 
 from models.numerics.compiled import njit, register_jitable
+from models.spline import min_jerk
 from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
-from planners.gait.tread import clearance_over, leg_height, swing_shares
+from planners.gait.tread import clearance_over, step_crouch, swing_shares
 from planners.terrain.leg_extent import LegExtents, extent_at, layer_at
 
 _TIMES = 12  #: Number of parts of a swing, at whose ends it is checked
@@ -86,24 +87,21 @@ def sweeps_ground(
     way = math.hypot(x1 - x0, y1 - y0)
     apex, wait, settle = swing_shares(z1 - z0, clearance, way, limits.apex, limits.edge, limits.early, over)
     highest = max(z0, z1) + clearance
-    out = abs(y1 - stance[1]) - limits.width
-    square = 0.25 * ((x1 - stance[0]) ** 2 + out * out)
-    crouch = max(limits.crouch, limits.leg - leg_height(square, limits.leg) + 0.5 * abs(z1 - stance[2]))
+    wider = abs(y1 - stance[1]) - limits.width
+    crouch = max(limits.crouch, step_crouch(x1 - stance[0], wider, z1 - stance[2], limits.leg))
     lift = limits.legs.lift
     for k in range(1, _TIMES + 1):
         u = k / _TIMES
         share = min(max((u - wait) / (1.0 - wait - settle), 0.0), 1.0)
-        moved = limits.effort * share * share * (3.0 - 2.0 * share) + (1.0 - limits.effort) * _quintic(share)
+        moved = limits.effort * share * share * (3.0 - 2.0 * share) + (1.0 - limits.effort) * min_jerk(share)[0]
         x, y = x0 + moved * (x1 - x0), y0 + moved * (y1 - y0)
         if u < apex:
-            z = z0 + _quintic(u / apex) * (highest - z0)
+            z = z0 + min_jerk(u / apex)[0] * (highest - z0)
         else:
-            z = z1 + _quintic((1.0 - u) / (1.0 - apex)) * (highest - z1)
+            z = z1 + min_jerk((1.0 - u) / (1.0 - apex))[0] * (highest - z1)
         late = u * u * u
-        hip, level = (
-            0.5 * (stance[0] + x0 + late * (x1 - x0)) - limits.hips_behind,
-            0.5 * (stance[2] + z0 + late * (z1 - z0)),
-        )
+        hip = 0.5 * (stance[0] + x0 + late * (x1 - x0)) - limits.hips_behind
+        level = 0.5 * (stance[2] + z0 + late * (z1 - z0))
         lower = (crouch + lift * (z + stance[2] - 2.0 * level)) / (1.0 - 2.0 * lift) - level
         slope = slopes[0] + moved * (slopes[2] - slopes[0])
         if _in_ground(x, y, z, slope, hip - x, lower + z, ground, limits, margin):
@@ -145,9 +143,3 @@ def _in_ground(
             if low - margin < way < high + margin:
                 return True
     return False
-
-
-@njit(cache=True, forceinline=True)
-def _quintic(share: float) -> float:
-    """Way of a quintic from rest to rest, as a share, after a share of its time."""
-    return share * share * share * (10.0 + share * (6.0 * share - 15.0))
