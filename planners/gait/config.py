@@ -195,23 +195,14 @@ class GroundConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FootingConfig:
-    """Detection of soles that turn over an edge."""
+    """Detection of soles that bear on a line: an edge of the ground, or their rim."""
 
-    load: Share  #: Least share of the weight on a sole for its rotation to be used [-]
-    #: Angular velocity about its length or width above which a sole turns; below half of it, it lies still [rad/s]
-    turning: Positive
-    turned: Positive  #: Least recent rotation of a sole that turns over an edge [rad]
-    forget_time: Positive  #: Time constant of the recent rotation [s]
-    edge: Positive  #: Largest motion of the CoP over an edge; a sole that rolls as it lands exceeds it [m]
-    rest: Positive  #: Time at rest after which the orientation of a sole is used [s]
-    #: Least rotation of a sole at rest that has found ground on the other side of an edge, and of a sole that bears on
-    #: its rim alone; the latter ends below half of it [rad]
-    tilted: Positive
-    regain: Positive  #: Speed at which the area of a sole at rest that has turned less grows again [m/s]
-    grain: Positive  #: Resolution of the areas; each change requires a new wrench cone in the QP [m]
-    rim: Positive  #: Largest distance of the CoP from the rim of a sole that has tipped over it [m]
+    tilted: Positive  #: Rotation from the ground about the line of its CoP from which a sole bears on it [rad]
+    edge: Positive  #: Largest motion of the CoP on a line; a sole that rolls as it lands exceeds it [m]
+    still: Positive  #: Angular velocity below which a sole begins to lie still [rad/s]
+    rest_time: Positive  #: Time constant with which the rotation of a still sole decays: it lies on the ground [s]
     lie_angle: NonNegative  #: Angle of a sole on its rim from its tilt to its reference, towards the ground [rad]
-    lie_time: Positive  #: Time constant with which the angle over the rim of a sole at rest decays [s]
+    grain: Positive  #: Resolution of the lines; each change requires a new wrench cone in the QP [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 #: Least cosine of the tilt of a sole in the computation of its slope [-]; the slope of an upturned foot is meaningless
 _UPRIGHT_MIN = 0.1
-_LOADED = 0.05  #: Share of the weight on a sole above which it has a centre of pressure [-]
+LOADED = 0.05  #: Share of the weight on a sole above which it has a centre of pressure [-]
 
 
 class Measurement(Struct, frozen=True):
@@ -188,7 +188,7 @@ def _measure(
             yaw = math.atan2(pose[1, 0], pose[0, 0])
             tilts[foot, 0] += math.cos(yaw) * along - math.sin(yaw) * across
             tilts[foot, 1] += math.sin(yaw) * along + math.cos(yaw) * across
-        if wrench[2] / weight > _LOADED:
+        if wrench[2] / weight > LOADED:
             cops[foot, 0], cops[foot, 1] = -wrench[4] / wrench[2], wrench[3] / wrench[2]
     return _place(poses[0], pivots[0]), _place(poses[1], pivots[1]), (left[2] / weight, right[2] / weight)
 

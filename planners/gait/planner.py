@@ -220,7 +220,7 @@ class GaitPlanner:
         elif cmp_offset is None:  # the foot has just lifted
             _, cmp_offset = self._single.reference(gait)
         slope = self._soles.expected_slope(gait.soles)
-        gait.footing = self._footing.update(gait.footing, measured, swinging, slope, dt, urgent=gait.step.urgent)
+        gait.footing = self._footing.update(gait.footing, measured, swinging, slope, dt)
         if swinging is not None and gait.step.urgent:
             stance = 1 - swinging
             areas = self._stops.on_edge(stance, state, measured.cops[stance], gait.footing.areas)
@@ -390,7 +390,7 @@ class GaitPlanner:
             measured=measured,
             dcm_rate=np.zeros(2),
             soles=soles,
-            footing=self._footing.whole(before.footing),
+            footing=self._footing.whole(),
             step=self._at_rest(before.step),
             dcm=DcmState.at_rest(measured.com[:2], before.dcm.old),
             body=BodyState(float(measured.com[2]) - soles.ground()),

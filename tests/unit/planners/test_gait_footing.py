@@ -1,4 +1,4 @@
-"""What of a sole bears: while it turns over an edge, that edge alone."""
+"""What of a sole bears: while it turns over an edge or its rim, that line alone."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from models.types import RobotState
 from planners.gait.config import GaitConfig
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Foothold
-from planners.gait.measurement import GaitMeasurement, Ground, Measurement
+from planners.gait.measurement import LOADED, GaitMeasurement, Ground, Measurement
 from planners.gait.planner import GaitPlanner
 from planners.gait.scaling import load_gait_config
 from planners.gait.state import GaitPhase
@@ -22,10 +22,9 @@ from tests.gaits import DT, in_single_support, on_one_foot
 from tests.support import standing
 
 CONFIG = default_config(GaitConfig, "planners", "gait").footing
-TURN = 2.0 * CONFIG.turning  # [rad/s]
-STILL = 0.5 * CONFIG.turning  # below it a sole lies still [rad/s]
+TURN = 4.0 * CONFIG.still  # [rad/s]
 COP = 0.01  # of the soles of a robot that turns over, to the left [m]
-WHILE = round(1.2 * CONFIG.turned / TURN / DT)  # ticks in which it turns far enough
+WHILE = round(1.2 * CONFIG.tilted / TURN / DT)  # ticks in which it turns far enough
 
 
 class Watched:
@@ -42,8 +41,8 @@ class Watched:
     def areas(self) -> np.ndarray:
         return self.state.areas
 
-    def update(self, seen: Measurement, swinging: int | None = None, *, urgent: bool = False) -> None:
-        self.state = self._law.update(self.state, seen, swinging, np.zeros(2), DT, urgent=urgent)
+    def update(self, seen: Measurement, swinging: int | None = None) -> None:
+        self.state = self._law.update(self.state, seen, swinging, np.zeros(2), DT)
 
 
 def measured(turning: tuple[float, float], cop: tuple[float, float], load: float = 0.6) -> Measurement:
@@ -82,35 +81,30 @@ def test_a_sole_that_turns_over_an_edge_bears_on_it_alone(
     np.testing.assert_array_equal(footing.areas[1], whole[1])
 
 
-def test_a_sole_that_lies_down_or_hardly_bears_is_whole(footing: Watched) -> None:
+def test_a_sole_that_lies_down_or_bears_nothing_is_whole(footing: Watched) -> None:
     whole = footing.areas.copy()
-    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), WHILE // 3)  # a small angle: it has lain down
-    turn(footing, measured((0.5 * CONFIG.turning, 0.0), (0.0, 0.01)))
+    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), WHILE // 2)  # a small angle: it has lain down
+    turn(footing, measured((0.2 * CONFIG.still, 0.0), (0.0, 0.01)), 4 * WHILE)
     footing.reset()
-    turn(footing, measured((TURN, 0.0), (0.0, 0.01), load=0.5 * CONFIG.load))
+    turn(footing, measured((TURN, 0.0), (0.0, 0.01), load=0.5 * LOADED))
     np.testing.assert_array_equal(footing.areas, whole)
 
 
-def test_a_sole_that_lies_still_grows_again_little_by_little(footing: Watched) -> None:
+@pytest.mark.parametrize("line", [0.01, None], ids=["edge", "rim"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_sole_that_lies_still_has_found_ground(footing: Watched, line: float | None, sign: float) -> None:
+    """It turned onto a lower tile, or the slope of the ground is not the expected one."""
     whole = footing.areas.copy()
-    cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
-    still = measured((0.0, 0.0), (0.0, 0.01))
-    later = turn(footing, still, round(0.01 / CONFIG.regain / DT))
-    assert [cut[2] - later[2], later[3] - cut[3]] == pytest.approx([0.01, 0.01], abs=CONFIG.grain)
-    turn(footing, still, round(0.1 / CONFIG.regain / DT))
-    np.testing.assert_array_equal(footing.areas, whole)
-
-
-def test_a_sole_that_comes_to_rest_turned_has_found_ground(footing: Watched) -> None:
-    """It turned over the edge onto a slope or a lower tile."""
-    whole = footing.areas.copy()
-    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(2.0 * CONFIG.tilted / TURN / DT))
-    assert (footing.areas != whole).any()
-    still = measured((0.0, 0.0), (0.0, 0.01))
-    turn(footing, still, round(0.5 * CONFIG.rest / DT))  # as where a rocking sole turns back
-    assert (footing.areas != whole).any()
-    turn(footing, still, round(0.6 * CONFIG.rest / DT))
-    np.testing.assert_array_equal(footing.areas, whole)
+    cop = (0.0, whole[0, 3] if line is None else line)
+    angle = 1.5 * CONFIG.tilted
+    turned = turn(footing, measured((sign * TURN, 0.0), cop), round(angle / TURN / DT))
+    assert turned[2] == turned[3] == pytest.approx(cop[1], abs=0.5 * CONFIG.grain)
+    still = measured((0.0, 0.0), cop)
+    briefly = turn(footing, still, round(0.3 * CONFIG.rest_time / DT))  # as where a rocking sole turns back
+    np.testing.assert_array_equal(briefly, turned)
+    np.testing.assert_array_equal(turn(footing, still, round(2.0 * CONFIG.rest_time / DT)), whole[0])
+    again = turn(footing, measured((1.1 * sign * CONFIG.still, 0.0), cop), round(CONFIG.tilted / CONFIG.still / DT))
+    np.testing.assert_array_equal(again, turned)
 
 
 def test_a_sole_that_tipped_over_its_rim_bears_on_it_until_it_lies_flat(footing: Watched) -> None:
@@ -127,20 +121,10 @@ def test_a_sole_that_tipped_over_its_rim_bears_on_it_until_it_lies_flat(footing:
 
 def test_a_sole_that_tipped_over_its_rim_is_whole_once_its_cop_leaves_the_rim(footing: Watched) -> None:
     whole = footing.areas.copy()
-    turn(footing, measured((-TURN, 0.0), (0.0, whole[0, 3])), 2 * WHILE)
-    footing.update(measured((0.0, 0.0), (0.0, whole[0, 3] - 1.5 * CONFIG.rim)))
+    tipped = turn(footing, measured((-TURN, 0.0), (0.0, whole[0, 3])), 2 * WHILE)
+    assert tipped[2] == tipped[3]
+    footing.update(measured((0.0, 0.0), (0.0, whole[0, 3] - 1.5 * CONFIG.edge)))
     np.testing.assert_array_equal(footing.areas, whole)
-
-
-def test_a_sole_that_rests_on_its_rim_lies_on_an_unexpected_slope(footing: Watched) -> None:
-    whole = footing.areas.copy()
-    rim = (0.0, whole[0, 3])
-    turn(footing, measured((-TURN, 0.0), rim), round(1.5 * CONFIG.tilted / TURN / DT))
-    assert footing.areas[0, 2] == footing.areas[0, 3] == whole[0, 3]
-    resting = turn(footing, measured((0.0, 0.0), rim), round(2.0 * CONFIG.lie_time / DT))
-    np.testing.assert_array_equal(resting, whole[0])
-    tipping = turn(footing, measured((-1.1 * STILL, 0.0), rim), round(CONFIG.tilted / STILL / DT))
-    assert tipping[2] == tipping[3]
 
 
 @pytest.mark.parametrize(("tilt", "cop", "edge"), [((0.1, 0.0), -0.05, -0.05), ((-0.1, 0.0), 0.12, 0.12)])
@@ -150,10 +134,9 @@ def test_a_foot_that_lands_on_its_heel_or_toe_bears_on_it(
     """Turned by a quarter: its toe points along y of W, to which it rises."""
     sole, cops = Foothold(0.0, 0.0, 0.5 * np.pi), (cop, 0.0)
     seen = structs.replace(measured((0.0, 0.0), cops), soles=(sole, sole), tilts=np.array([tilt[::-1], (0.0, 0.0)]))
-    for urgent in (False, True):
-        footing.update(seen, 0)
-        footing.update(seen, urgent=urgent)
-        np.testing.assert_array_equal(footing.areas[0, :2], edge)
+    footing.update(seen, 0)
+    footing.update(seen)
+    np.testing.assert_array_equal(footing.areas[0, :2], edge)
 
 
 def test_a_sole_that_rolls_as_it_lands_is_whole(footing: Watched) -> None:
@@ -220,18 +203,31 @@ def test_a_sole_on_its_rim_is_turned_towards_the_ground(side: int) -> None:
     np.testing.assert_array_equal(measurement.measure(state, ground=Ground(areas, slope)).tilts[0], slope)
 
 
-def test_while_a_push_is_caught_soles_are_whole(footing: Watched) -> None:
+@pytest.mark.parametrize("line", ["heel", "left rim", "edge"])
+def test_the_place_of_a_sole_on_a_line_is_where_it_would_lie_flat(line: str) -> None:
+    model = RobotModel.load("g1")
+    q = model.standing_configuration()
+    q[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(0.1, -0.2, 0.7)).coeffs()
+    measurement, state = GaitMeasurement(model), standing(model, q=q)
+    areas = np.array([foot.rectangle for foot in model.feet])
+    x_min, _, _, y_max = areas[0]
+    axis, at = {"heel": (0, x_min), "left rim": (1, y_max), "edge": (0, 0.03)}[line]
+    areas[0, 2 * axis : 2 * axis + 2] = at
+    whole, seen = measurement.measure(state), measurement.measure(state, ground=Ground(areas, np.zeros(2)))
+    data, point = model.data(), np.zeros(3)
+    point[axis] = at
+    pin.framesForwardKinematics(model.pin, data, q)
+    sole, lies = data.oMf[model.feet[0].frame_id], seen.soles[0]
+    np.testing.assert_allclose((*lies.moved(*point[:2]), lies.z), sole.act(point), atol=1e-12)
+    assert seen.soles[1] == whole.soles[1]
+
+
+def test_a_sole_that_falls_back_lies_flat_and_turns_over_the_same_edge(footing: Watched) -> None:
     whole = footing.areas.copy()
-    seen = measured((TURN, 0.0), (0.0, 0.01))
-    for _ in range(WHILE):
-        footing.update(seen, urgent=True)
-    np.testing.assert_array_equal(footing.areas, whole)
-
-
-def test_a_sole_that_falls_back_to_its_edge_turns_over_no_other(footing: Watched) -> None:
     cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
-    back = turn(footing, measured((-TURN, 0.0), (0.0, 0.01)), 3 * WHILE)
-    np.testing.assert_array_equal(back, cut)
+    flat = turn(footing, measured((-TURN, 0.0), (0.0, 0.01)))
+    np.testing.assert_array_equal(flat, whole[0])
+    np.testing.assert_array_equal(turn(footing, measured((-TURN, 0.0), (0.0, 0.01))), cut)
 
 
 def urgent_from(model: RobotModel, error: float) -> GaitConfig:
@@ -270,10 +266,9 @@ def test_a_gait_uses_what_bears_and_swings_a_whole_sole(g1: RobotModel) -> None:
     np.testing.assert_array_equal(reference.sole_areas[1], whole[1])
 
 
-@pytest.mark.parametrize("urgent", [True, False])
-def test_an_urgent_step_uses_the_whole_sole_that_turns(g1: RobotModel, urgent: bool) -> None:
-    planner = in_single_support(g1, urgent_from(g1, error=0.01 if urgent else 1.0), stance=0)
+def test_an_urgent_step_uses_the_edge_that_its_sole_turns_over(g1: RobotModel) -> None:
+    planner = in_single_support(g1, urgent_from(g1, error=0.01), stance=0)
     for _ in range(40):
         reference = planner.step(turning_over(planner, sideways=-1.0), DT)
-    assert planner.phase is GaitPhase.SINGLE and reference.sole_areas is not None
-    assert (reference.sole_areas[0, 2] == g1.feet[0].rectangle[2]) == urgent
+    assert planner.phase is GaitPhase.SINGLE and planner.state.step.urgent and reference.sole_areas is not None
+    assert reference.sole_areas[0, 2:] == pytest.approx(COP, abs=0.5 * CONFIG.grain + 1e-9)
