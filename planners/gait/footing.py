@@ -71,18 +71,26 @@ class Footing:
         return FootingState(np.full((2, 2), np.nan), np.zeros((2, 2)), self._whole)
 
     def update(
-        self, footing: FootingState, measured: Measurement, swinging: int | None, slope: Vector, dt: float
+        self,
+        footing: FootingState,
+        measured: Measurement,
+        swinging: int | None,
+        slope: Vector,
+        dt: float,
+        *,
+        urgent: bool = False,
     ) -> FootingState:
         """State after one tick; the foot ``swinging`` (None in double support) has a whole sole.
 
-        ``slope`` is the ground slope at landing (2,) [-].
+        ``slope`` is the ground slope at landing (2,) [-]. In an ``urgent`` step a sole bears on a line only at its rim.
         """
         lines, turned, areas = footing.lines.copy(), footing.turned.copy(), footing.areas.copy()
         foot = -1 if swinging is None else swinging
         tilt, yaw = measured.tilts[foot] - slope, measured.soles[foot].yaw
         _update(
-            foot, measured.loads, dt, measured.turning, measured.cops, tilt, yaw, self._constants, lines, turned, areas
-        )
+            foot, measured.loads, dt, measured.turning, measured.cops, tilt, yaw, urgent,
+            self._constants, lines, turned, areas,
+        )  # fmt: skip
         return FootingState(lines, turned, areas)
 
 
@@ -95,6 +103,7 @@ def _update(
     cops: Matrix,
     tilt: Vector,
     yaw: float,
+    urgent: bool,
     constants: Unboxed[_Soles],
     lines: Matrix,
     turned: Matrix,
@@ -125,5 +134,6 @@ def _update(
                 if abs(angle) >= (0.5 if on_line else 1.0) * limits.tilted:
                     place = np.rint(line / limits.grain) * limits.grain
                     place = low if line <= low + limits.edge else high if line >= high - limits.edge else place
-                    areas[foot, first] = areas[foot, last] = place
+                    if not (urgent and low < place < high):
+                        areas[foot, first] = areas[foot, last] = place
             lines[foot, axis], turned[foot, about] = line, angle

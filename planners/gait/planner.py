@@ -220,7 +220,7 @@ class GaitPlanner:
         elif cmp_offset is None:  # the foot has just lifted
             _, cmp_offset = self._single.reference(gait)
         slope = self._soles.expected_slope(gait.soles)
-        gait.footing = self._footing.update(gait.footing, measured, swinging, slope, dt)
+        gait.footing = self._footing.update(gait.footing, measured, swinging, slope, dt, urgent=gait.step.urgent)
         if swinging is not None and gait.step.urgent:
             stance = 1 - swinging
             areas = self._stops.on_edge(stance, state, measured.cops[stance], gait.footing.areas)
