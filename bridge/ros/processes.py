@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, TYPE_CHECKING, Any, Literal
 
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -18,6 +18,9 @@ from rclpy.validate_namespace import validate_namespace
 
 from bridge.ros.heartbeat import VARIABLE, Heartbeat
 from models.errors import ConfigError, PoiseError
+
+if TYPE_CHECKING:
+    from bridge.plants.config import DriverConfig
 
 Parameters = Mapping[str, Mapping[str, object]]  #: Parameter values by node name, then by parameter name
 _VALUES = "ros__parameters"  #: Key of the parameters of a node in a ROS 2 parameter file
@@ -363,11 +366,15 @@ def sensor_rate(extra: Parameters) -> float | None:
 
 def follows_clock(driver: Mapping[str, object]) -> bool:
     """Whether time follows the clock, from the driver's parameters: for a real plant, or a strict simulation."""
+    default = _driver_default()
+    return driver.get("plant", default.plant) != default.plant or driver.get("real_time", default.real_time) == "strict"
+
+
+def _driver_default() -> "DriverConfig":
     from bridge.plants.config import DriverConfig  # imported here: commands of one word must not wait for it
     from models.config import default_config
 
-    default = default_config(DriverConfig, "bridge", "robot_driver")
-    return driver.get("plant", default.plant) != default.plant or driver.get("real_time", default.real_time) == "strict"
+    return default_config(DriverConfig, "bridge", "robot_driver")
 
 
 def _of_gait(planner: Mapping[str, object]) -> dict[str, object]:
@@ -402,10 +409,12 @@ def node_parameters(
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}
         # the launcher activates all nodes, including those that support autostart
         result[name] = {"robot": robot, "autostart": False, **timing.get(name, {}), **calibrated, **extra.get(name, {})}
-    rate = sensor_rate(extra)
+    rate, speed = sensor_rate(extra), float(str(extra.get("robot_driver", {}).get("speed", 1.0)))
     if rate is not None:
         for name in result.keys() & RATED_NODES:
             result[name].setdefault("sensor_rate", rate)
+    if speed < 1.0 and "balance_controller" in result:  # simulated time is slower than the real time of the budget
+        result["balance_controller"].setdefault("time_budget", 1.0 / (speed * (rate or _driver_default().rate)))
     if lockstep:
         for name in result.keys() & LOCKSTEP_NODES:
             result[name]["lockstep"] = True

@@ -75,6 +75,20 @@ def test_what_the_launcher_sets_is_declared(
         refuse_undeclared([bench.add(make, configured=False, **given)])
 
 
+@pytest.mark.parametrize(
+    ("driver", "budget"),
+    [({}, None), ({"speed": 1.0}, None), ({"speed": 0.5}, 0.002), ({"speed": 0.25, "sensor_rate": 500.0}, 0.008)],
+    ids=str,
+)
+def test_a_slower_simulation_leaves_a_tick_more_real_time(
+    tmp_path: Path, driver: dict[str, object], budget: float | None
+) -> None:
+    given = node_parameters(process_specs(), "g1", False, tmp_path, {"robot_driver": {**driver, "real_time": "strict"}})
+    assert given["balance_controller"].get("time_budget") == budget
+    own = {"robot_driver": driver, "balance_controller": {"time_budget": 0.1}}
+    assert node_parameters(process_specs(), "g1", False, tmp_path, own)["balance_controller"]["time_budget"] == 0.1
+
+
 def test_no_node_is_left_out(root: Path) -> None:
     """Whatever derives from ``PoiseNode`` in a package is in the list that the other tests and the reference go by."""
     packages = ("models", "planners", "controllers", "bridge")
