@@ -198,9 +198,11 @@ class FootingConfig:
     """Detection of soles that bear on a line: an edge of the ground, or their rim."""
 
     tilted: Positive  #: Rotation from the ground about the line of its CoP from which a sole bears on it [rad]
-    edge: Positive  #: Largest motion of the CoP on a line; a sole that rolls as it lands exceeds it [m]
-    still: Positive  #: Angular velocity below which a sole begins to lie still [rad/s]
-    rest_time: Positive  #: Time constant with which the rotation of a still sole decays: it lies on the ground [s]
+    #: Largest motion of the CoP on a line, which a sole that rolls as it lands exceeds, and largest distance of a line
+    #: from the rim of the sole at which it counts as the rim [m]
+    edge: Positive
+    still: Positive  #: Angular velocity at and above which the rotation does not decay [rad/s]
+    rest_time: Positive  #: Time constant with which the rotation of a sole at rest decays [s]
     lie_angle: NonNegative  #: Angle of a sole on its rim from its tilt to its reference, towards the ground [rad]
     grain: Positive  #: Resolution of the lines; each change requires a new wrench cone in the QP [m]
 

@@ -37,10 +37,10 @@ class FootingState(Struct, frozen=True):
 
     lines: Matrix  # CoP of each sole, held while it moves less than ``edge``; NaN without load (2, 2) [m]
     turned: Matrix  # rotation of each sole from the ground about its x and y while its CoP is held (2, 2) [rad]
-    areas: Matrix  # bearing rectangles: whole, or without width in steps of ``grain`` (2, 4) [m]
+    areas: Matrix  # bearing rectangles: whole, or without width at the rim or a multiple of ``grain`` (2, 4) [m]
 
     def lies_flat(self, foot: int) -> bool:
-        """Whether a planted sole bears on an area, not on an edge."""
+        """Whether a planted sole bears on an area, not on a line."""
         x_min, x_max, y_min, y_max = self.areas[foot].tolist()
         return bool(x_min < x_max and y_min < y_max)
 
@@ -48,14 +48,17 @@ class FootingState(Struct, frozen=True):
 class Footing:
     """Determines the line on which a sole bears that does not lie on the ground.
 
-    A sole that turns while its CoP stays turns about the line through the CoP: an edge of the ground below it, or its
-    own rim. From ``tilted`` on it bears on that line alone. The whole-body QP then treats it as an edge contact, which
-    turns freely, because a CoP commanded beside the line would turn it. At a landing, the rotation is the tilt of the
-    sole relative to the expected ground, so a foot that lands on its heel bears on it.
+    A sole that turns while its CoP stays turns about the line through the CoP: an edge of the ground below it, or the
+    rim of the sole. Its rotation ``a`` is integrated from its angular velocity ``w``,
 
-    The sole is whole again when it has turned back to half of ``tilted``, when its CoP leaves the line (it rolls, or
-    has found other ground), and when it lies still: the ground below it has another slope than expected. A foot that
-    lifts lands on its whole sole.
+        a' = w - a max(1 - |w| / still, 0) / rest_time
+
+    From ``|a| = tilted`` on, until half of it, the sole bears on that line alone. The whole-body QP then treats it as
+    an edge contact, which turns freely, because a CoP commanded beside the line would turn it. ``a`` restarts at zero
+    when the CoP has moved by ``edge``: the sole rolls, or has found other ground. It decays while the sole lies still,
+    because the ground below it has another slope than expected. At a landing, ``a`` is the tilt of the sole relative to
+    the expected ground, so a foot that lands on its heel bears on it. In an urgent step, only the rim counts: soles
+    then tip although there is ground under them.
 
     References:
         G. Wiedebach et al., Walking on partial footholds including line contacts with the humanoid robot Atlas,
@@ -117,7 +120,7 @@ def _update(
     for foot in range(2):
         planted = foot != swinging
         if not planted:
-            c, s = np.cos(yaw), np.sin(yaw)
+            c, s = np.cos(yaw), np.sin(yaw)  # about x, a sole turns up to its left; about y, down to its front
             turned[foot, 0], turned[foot, 1] = c * tilt[1] - s * tilt[0], -(c * tilt[0] + s * tilt[1])
         for axis in range(2):
             first, last, about = 2 * axis, 2 * axis + 1, 1 - axis

@@ -1,4 +1,4 @@
-"""What of a sole bears: while it turns over an edge or its rim, that line alone."""
+"""The part of a sole that bears load: the line that it turns over, an edge or its rim."""
 
 from dataclasses import replace
 
@@ -83,8 +83,9 @@ def test_a_sole_that_turns_over_an_edge_bears_on_it_alone(
 
 def test_a_sole_that_lies_down_or_bears_nothing_is_whole(footing: Watched) -> None:
     whole = footing.areas.copy()
-    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), WHILE // 2)  # a small angle: it has lain down
+    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(0.9 * CONFIG.tilted / TURN / DT))  # it has lain down
     turn(footing, measured((0.2 * CONFIG.still, 0.0), (0.0, 0.01)), 4 * WHILE)
+    np.testing.assert_array_equal(footing.areas, whole)
     footing.reset()
     turn(footing, measured((TURN, 0.0), (0.0, 0.01), load=0.5 * LOADED))
     np.testing.assert_array_equal(footing.areas, whole)
@@ -138,6 +139,12 @@ def test_a_foot_that_lands_on_its_heel_or_toe_bears_on_it(
         footing.update(seen, 0)
         footing.update(seen, urgent=urgent)
         np.testing.assert_array_equal(footing.areas[0, :2], edge)
+    down = -np.sign(edge) * TURN  # the raised side; about y, a positive rotation lowers the front
+    ticks = round(0.8 * abs(tilt[0]) / TURN / DT)
+    away = turn(footing, structs.replace(seen, turning=np.array([(0.0, -down), (0.0, 0.0)])), ticks)
+    np.testing.assert_array_equal(away[:2], edge)
+    flat = turn(footing, structs.replace(seen, turning=np.array([(0.0, down), (0.0, 0.0)])), 2 * ticks + 5)
+    assert flat[0] < flat[1]
 
 
 def test_a_sole_that_rolls_as_it_lands_is_whole(footing: Watched) -> None:
