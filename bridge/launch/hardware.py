@@ -10,7 +10,7 @@ from bridge.launch.robot_network import LOOPBACK_INTERFACE, RobotNetwork
 from bridge.plants.base import find_guard, make_plant
 from bridge.plants.config import read_options
 from bridge.ros.environment import LAST_DOMAIN
-from bridge.ros.processes import RATED_NODES
+from bridge.ros.processes import RATED_NODES, time_budget
 from models.config import default_config, overlaid
 from models.errors import ConfigError
 from models.robot_model import RobotModel
@@ -65,8 +65,7 @@ def hardware_options(
 
         rate_of_states, speed = read_times(given)
     rates = {name: {"sensor_rate": float(rate_of_states)} for name in RATED_NODES}
-    if speed < 1.0:
-        rates["balance_controller"]["time_budget"] = 1.0 / (rate_of_states * speed)
+    rates["balance_controller"] |= time_budget(rate_of_states, speed)
     network = RobotNetwork(interface, domain, plant, _yaml(given))
     network.check()
     options = {

@@ -364,6 +364,11 @@ def sensor_rate(extra: Parameters) -> float | None:
     return float(str(rate)) if rate else None
 
 
+def time_budget(rate: float, speed: float) -> dict[str, float]:
+    """Parameter ``time_budget`` of the controller: real time between states at a rate [Hz], if time is slowed down."""
+    return {"time_budget": 1.0 / (rate * speed)} if speed < 1.0 else {}
+
+
 def follows_clock(driver: Mapping[str, object]) -> bool:
     """Whether time follows the clock, from the driver's parameters: for a real plant, or a strict simulation."""
     default = _driver_default()
@@ -413,8 +418,11 @@ def node_parameters(
     if rate is not None:
         for name in result.keys() & RATED_NODES:
             result[name].setdefault("sensor_rate", rate)
-    if speed < 1.0 and "balance_controller" in result:  # simulated time is slower than the real time of the budget
-        result["balance_controller"].setdefault("time_budget", 1.0 / (speed * (rate or _driver_default().rate)))
+    if "balance_controller" in result:
+        result["balance_controller"] = {
+            **time_budget(rate or _driver_default().rate, speed),
+            **result["balance_controller"],
+        }
     if lockstep:
         for name in result.keys() & LOCKSTEP_NODES:
             result[name]["lockstep"] = True
