@@ -192,11 +192,11 @@ def up(
     need_ros()
     from bridge.launch.graph import own_motions
     from bridge.launch.graph import up as launch
+    from bridge.launch.parameters import with_file
     from bridge.launch.world import inhabitants, up_world
     from bridge.plants.base import find_plant
     from bridge.plants.fault_plan import fault_plan
     from bridge.plants.sensors import read_sensor_errors
-    from bridge.ros.processes import with_file
     from models.calibration_store import calibration_directory
     from models.errors import ConfigError
     from models.profile import load_profile

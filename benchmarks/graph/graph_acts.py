@@ -14,7 +14,8 @@ from std_msgs.msg import String
 
 from benchmarks.graph import flood
 from benchmarks.graph.graph_kinds import FAULTY_CONTROL, FAULTY_PLANNER, LOOK, GraphStage, User
-from bridge.ros.processes import ACTIVATE, BRIDGE, CONTROL, DEACTIVATE, ESTIMATOR, PLANNER, SUPERVISOR, change_state
+from bridge.launch.layout import BRIDGE, CONTROL, ESTIMATOR, PLANNER, SUPERVISOR
+from bridge.ros.lifecycle import ACTIVATE, DEACTIVATE, change_state
 from controllers.commands.command_signature import Signer, read_key
 from models.errors import PoiseError
 from models.nodes import topics

@@ -23,9 +23,10 @@ from benchmarks.core.benchmark import settings
 from benchmarks.core.fault_rows import AnyRow
 from benchmarks.core.machine import Unavailable
 from bridge.launch.graph import Graph
+from bridge.launch.layout import BRIDGE, CONTROL, PLANNER, SUPERVISOR, process_specs
 from bridge.record.observer import Observer
 from bridge.ros.environment import free_domain
-from bridge.ros.processes import BRIDGE, CONTROL, PLANNER, SUPERVISOR, ProcessSpec, process_specs
+from bridge.ros.processes import ProcessSpec
 from controllers.commands.command_signature import write_key
 from models.config import STRICT, Positive
 from models.errors import PoiseError

@@ -25,8 +25,10 @@ from benchmarks.core.benchmark import settings
 from benchmarks.core.machine import Use, UseMeter
 from benchmarks.graph.graph_kinds import User
 from bridge.launch.graph import Graph
+from bridge.launch.layout import CONTROL, process_specs
+from bridge.launch.parameters import REALTIME_NODES
 from bridge.ros.environment import free_domain, graph_environment
-from bridge.ros.processes import CONTROL, REALTIME_NODES, ProcessSpec, process_specs
+from bridge.ros.processes import ProcessSpec
 from models.config import STRICT, Positive, Share
 from models.errors import PoiseError
 from models.nodes.realtime import die_with_parent

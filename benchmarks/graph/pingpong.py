@@ -21,8 +21,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from bridge.driver.probes import LatencyProbe
 from bridge.driver.run_loop import Pacer
+from bridge.launch.parameters import REALTIME
 from bridge.ros.environment import graph_environment, join_graph
-from bridge.ros.processes import REALTIME
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, STAMP_OFFSET, STAMP_SIZE, stamp_of

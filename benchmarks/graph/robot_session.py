@@ -20,8 +20,8 @@ from benchmarks.graph.graph_kinds import User
 from benchmarks.graph.robot_process import UNITREE_SIDE, RobotProcess
 from bridge.launch.graph import Graph
 from bridge.launch.hardware import hardware_options
+from bridge.launch.layout import process_specs
 from bridge.plants.unitree.codec import BUTTONS, PRESS_IT
-from bridge.ros.processes import process_specs
 from models.errors import PoiseError
 from models.heading import heading, turned
 from models.nodes import topics

@@ -20,9 +20,9 @@ from bridge.analysis.processor import cpu_time
 from bridge.demo.report import CPU, Check, conclude, fell, judge_speed
 from bridge.demo.stage import DemoConfig, Stage, Walk, timed
 from bridge.launch.graph import Graph
+from bridge.launch.layout import process_specs
 from bridge.record.recording import Recording
 from bridge.record.render import render_filmstrip
-from bridge.ros.processes import process_specs
 from models.config import STRICT, Positive, default_config
 from models.errors import PoiseError
 from models.heading import heading, turned

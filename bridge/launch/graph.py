@@ -18,25 +18,15 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bridge.launch.ending import EndConfig, lower
+from bridge.launch.layout import Processes, activation_order, process_specs
+from bridge.launch.parameters import Parameters, node_parameters, ros_arguments
 from bridge.launch.robot_network import RobotNetwork
 from bridge.launch.run import run_until_signal, wait_for
 from bridge.ros.client import SETTLE_TIME
 from bridge.ros.environment import claim_graph, graph_environment, join_graph
-from bridge.ros.processes import (
-    ACTIVATE,
-    CONFIGURE,
-    GraphProcess,
-    Parameters,
-    Processes,
-    ProcessSpec,
-    absolute_namespace,
-    activation_order,
-    change_state,
-    node_parameters,
-    process_specs,
-    ros_arguments,
-    stop_all,
-)
+from bridge.ros.lifecycle import ACTIVATE, CONFIGURE, change_state
+from bridge.ros.namespace import absolute_namespace
+from bridge.ros.processes import GraphProcess, ProcessSpec, stop_all
 from controllers.safety.health import SupervisorConfig
 from models.config import default_config
 from models.errors import PoiseError

@@ -6,11 +6,11 @@ from typing import Any
 import yaml
 
 from bridge.launch.ending import EndConfig
+from bridge.launch.parameters import RATED_NODES, time_budget
 from bridge.launch.robot_network import LOOPBACK_INTERFACE, RobotNetwork
 from bridge.plants.base import find_guard, make_plant
 from bridge.plants.config import read_options
 from bridge.ros.environment import LAST_DOMAIN
-from bridge.ros.processes import RATED_NODES, time_budget
 from models.config import default_config, overlaid
 from models.errors import ConfigError
 from models.robot_model import RobotModel

@@ -13,9 +13,10 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from bridge.launch.layout import BRIDGE
 from bridge.plants.hardware import SESSION, real_robot
 from bridge.ros.environment import LOOPBACK_PROFILE, PROFILE_VARIABLE, ros_domain
-from bridge.ros.processes import BRIDGE, ProcessSpec
+from bridge.ros.processes import ProcessSpec
 from models.errors import ConfigError
 from models.files import state_folder
 

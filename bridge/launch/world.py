@@ -13,22 +13,13 @@ from typing import IO, Any
 
 from bridge.driver.world import SHARED
 from bridge.launch.graph import STARTING, Graph, actions_possible, count_restart, own_motions
+from bridge.launch.layout import BRIDGE, Processes, process_specs
+from bridge.launch.parameters import RATED_NODES, Parameters, node_parameters, sensor_rate, write_parameters
 from bridge.launch.run import run_until_signal, wait_for
 from bridge.plants.world import SPACING, Place
 from bridge.ros.environment import graph_environment
-from bridge.ros.processes import (
-    BRIDGE,
-    RATED_NODES,
-    GraphProcess,
-    Parameters,
-    Processes,
-    absolute_namespace,
-    node_parameters,
-    process_specs,
-    sensor_rate,
-    stop_all,
-    write_parameters,
-)
+from bridge.ros.namespace import absolute_namespace
+from bridge.ros.processes import GraphProcess, stop_all
 from models.errors import ConfigError, PoiseError
 
 (BRIDGE_NODE,) = BRIDGE.nodes

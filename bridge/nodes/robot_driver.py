@@ -31,7 +31,7 @@ from bridge.plants.config import DriverConfig, LoopConfig, read_options
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensors import read_sensor_errors
 from bridge.plants.world import ALONE, Place
-from bridge.ros.processes import absolute_namespace, namespace_rules
+from bridge.ros.namespace import absolute_namespace, namespace_rules
 from models.config import default_config
 from models.errors import ConfigError, PoiseError
 from models.nodes import topics

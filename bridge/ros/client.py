@@ -21,7 +21,7 @@ from bridge.ros.environment import (
     other_namespaces,
     participant,
 )
-from bridge.ros.processes import absolute_namespace
+from bridge.ros.namespace import absolute_namespace
 from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply

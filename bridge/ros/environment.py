@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
-from bridge.ros.processes import absolute_namespace, in_namespace
+from bridge.ros.namespace import absolute_namespace, in_namespace
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.spin import SUPERVISED, log_arguments, log_variables

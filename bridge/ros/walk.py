@@ -15,7 +15,7 @@ from std_msgs.msg import Float64
 
 from bridge.ros.client import LIMITING, Client, next_step, open_locks
 from bridge.ros.environment import ignore, newest
-from bridge.ros.processes import in_namespace
+from bridge.ros.namespace import in_namespace
 from controllers.commands.arbitration import NO_SOURCE, PLAIN
 from models.errors import CommandError, MessageError
 from models.nodes import topics

@@ -16,7 +16,7 @@ from std_msgs.msg import Float64, String
 
 from bridge.ros.client import Client, next_step, start_lines
 from bridge.ros.environment import ignore, newest
-from bridge.ros.processes import in_namespace
+from bridge.ros.namespace import in_namespace
 from models.config import STRICT, Positive
 from models.errors import PoiseError
 from models.nodes import topics

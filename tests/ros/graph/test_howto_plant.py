@@ -17,8 +17,8 @@ from std_msgs.msg import String
 
 from bridge.launch.graph import Graph
 from bridge.launch.hardware import other_network
+from bridge.launch.layout import BRIDGE, process_specs
 from bridge.nodes.robot_driver import RobotDriver
-from bridge.ros.processes import BRIDGE, process_specs
 from models.nodes import topics
 from models.nodes.qos import SENSOR
 from tests.ros.conftest import free_domain

@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 
 from bridge.cli import app
 from bridge.launch.graph import Graph
+from bridge.launch.parameters import with_file
 from bridge.ros.environment import free_domain
-from bridge.ros.processes import absolute_namespace, with_file
+from bridge.ros.namespace import absolute_namespace
 from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 from models.nodes.qos import COMMAND, SENSOR

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bridge.ros.processes import process_specs
+from bridge.launch.layout import process_specs
 from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.grid_map import grid_map_type, layer_of

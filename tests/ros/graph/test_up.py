@@ -22,9 +22,11 @@ from typer.testing import CliRunner
 from bridge.cli import app
 from bridge.launch import graph as launch
 from bridge.launch.graph import Graph
+from bridge.launch.layout import process_specs
+from bridge.launch.parameters import node_parameters, ros_arguments
 from bridge.ros import environment
 from bridge.ros.environment import claim_graph, free_domain, graph_environment
-from bridge.ros.processes import ProcessSpec, node_parameters, process_specs, ros_arguments
+from bridge.ros.processes import ProcessSpec
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.odometry import OdometryCodec

@@ -12,7 +12,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from std_msgs.msg import String
 
 from bridge.nodes.robot_driver import RobotDriver
-from bridge.ros.processes import ACTIVATE, CONFIGURE, change_state
+from bridge.ros.lifecycle import ACTIVATE, CONFIGURE, change_state
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
 from controllers.nodes.supervisor import SupervisorNode
@@ -152,7 +152,7 @@ class LostRequests:
 
 def test_a_transition_that_twice_has_not_begun_is_requested_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Once is not enough: a busy node may answer for its state before it begins."""
-    monkeypatch.setattr("bridge.ros.processes.ASK_AGAIN", 0.0)
+    monkeypatch.setattr("bridge.ros.lifecycle.ASK_AGAIN", 0.0)
     node, sent = LostRequests(), []
     with pytest.raises(PoiseError, match="lost: no answer"):
         change_state(node, lambda: sent.append(node.sent), ["lost"], CONFIGURE, 0.2)
@@ -160,7 +160,7 @@ def test_a_transition_that_twice_has_not_begun_is_requested_again(monkeypatch: p
 
 
 def test_the_nodes_that_are_awaited_are_named_from_time_to_time(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bridge.ros.processes.REPORT_PERIOD", 0.1)
+    monkeypatch.setattr("bridge.ros.lifecycle.REPORT_PERIOD", 0.1)
     said: list[str] = []
     with pytest.raises(PoiseError, match="absent: no answer to 'configure'"):
         change_state(bench.world, lambda: bench.spin(0.01), ["absent"], CONFIGURE, 0.5, said.append)

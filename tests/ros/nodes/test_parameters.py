@@ -11,7 +11,8 @@ import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.parameter import Parameter
 
-from bridge.ros.processes import node_parameters, process_specs
+from bridge.launch.layout import process_specs
+from bridge.launch.parameters import node_parameters
 from controllers.balance.tuning import TUNABLE
 from controllers.stack import ControlStack
 from models.nodes.base import PoiseNode

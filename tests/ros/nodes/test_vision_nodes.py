@@ -17,9 +17,10 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Bool, String
 
 from bridge.launch.graph import Graph
+from bridge.launch.layout import process_specs
 from bridge.nodes.camera_node import CameraNode
 from bridge.ros.environment import free_domain
-from bridge.ros.processes import ProcessSpec, process_specs
+from bridge.ros.processes import ProcessSpec
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.vision_node import VisionNode
 from controllers.vision.gaze import AngleHistory

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from bridge.ros.processes import process_specs
+from bridge.launch.layout import process_specs
 from models.errors import PoiseError
 from models.nodes.interfaces import missing_types
 from tests.ros.conftest import Eyes, standing_graph

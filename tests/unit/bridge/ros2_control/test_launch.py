@@ -8,10 +8,10 @@ pytest.importorskip("rclpy")
 
 from bridge.cli import app
 from bridge.launch.hardware import hardware_options
+from bridge.launch.layout import BRIDGE, process_specs
 from bridge.plants.base import make_plant
 from bridge.plants.config import read_options
 from bridge.plants.ros2_control.config import read_config
-from bridge.ros.processes import BRIDGE, process_specs
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
 
