@@ -35,7 +35,7 @@ class _Soles(NamedTuple):
 class FootingState(Struct, frozen=True):
     """Rotation of the soles and their bearing areas; rectangles are x_min, x_max, y_min, y_max in the sole's frame."""
 
-    lines: Matrix  # CoP of each sole, held while it moves less than ``edge``; NaN without load (2, 2) [m]
+    lines: Matrix  # CoP of each sole, held while it moves less than ``edge``; NaN before the first load (2, 2) [m]
     turned: Matrix  # rotation of each sole from the ground about its x and y while its CoP is held (2, 2) [rad]
     areas: Matrix  # bearing rectangles: whole, or without width at the rim or a multiple of ``grain`` (2, 4) [m]
 
@@ -53,12 +53,12 @@ class Footing:
 
         a' = w - a max(1 - |w| / still, 0) / rest_time
 
-    From ``|a| = tilted`` on, until half of it, the sole bears on that line alone. The whole-body QP then treats it as
-    an edge contact, which turns freely, because a CoP commanded beside the line would turn it. ``a`` restarts at zero
-    when the CoP has moved by ``edge``: the sole rolls, or has found other ground. It decays while the sole lies still,
-    because the ground below it has another slope than expected. At a landing, ``a`` is the tilt of the sole relative to
-    the expected ground, so a foot that lands on its heel bears on it. In an urgent step, only the rim counts: soles
-    then tip although there is ground under them.
+    From ``|a| = tilted`` on, until half of it, the sole bears on the line through its present CoP alone. The whole-body
+    QP then treats it as an edge contact, which turns freely, because a CoP commanded beside the line would turn it.
+    ``a`` restarts at zero when the CoP has moved by ``edge``, even while the sole had no load: it rolls, or has found
+    other ground. It decays while the sole lies still, because the ground below it has another slope than expected. At a
+    landing, ``a`` is the tilt of the sole relative to the expected ground, so a foot that lands on its heel bears on
+    it. In an urgent step, only the rim counts: soles then tip although there is ground under them.
 
     References:
         G. Wiedebach et al., Walking on partial footholds including line contacts with the humanoid robot Atlas,
@@ -127,16 +127,18 @@ def _update(
             low, high, speed = whole[foot, first], whole[foot, last], turning[foot, about]
             on_line = areas[foot, first] == areas[foot, last]
             areas[foot, first], areas[foot, last] = low, high
-            angle, line = turned[foot, about] + (dt * speed if planted else 0.0), np.nan
+            angle = turned[foot, about] + (dt * speed if planted else 0.0)
+            line = lines[foot, axis] if planted else np.nan
             if planted and loads[foot] > LOADED:
-                cop, line = min(max(cops[foot, axis], low), high), lines[foot, axis]
+                cop = min(max(cops[foot, axis], low), high)
                 if not abs(cop - line) <= limits.edge:
                     angle, line = angle if np.isnan(line) else 0.0, cop
                 stillness = max(1.0 - abs(speed) / limits.still, 0.0)
                 angle *= 1.0 - min(dt / limits.rest_time, 1.0) * stillness
                 if abs(angle) >= (0.5 if on_line else 1.0) * limits.tilted:
-                    place = np.rint(line / limits.grain) * limits.grain
-                    place = low if line <= low + limits.edge else high if line >= high - limits.edge else place
+                    bears = line if on_line else cop
+                    place = np.rint(bears / limits.grain) * limits.grain
+                    place = low if bears <= low + limits.edge else high if bears >= high - limits.edge else place
                     if not (urgent and low < place < high):
-                        areas[foot, first] = areas[foot, last] = place
+                        line, areas[foot, first], areas[foot, last] = bears, place, place
             lines[foot, axis], turned[foot, about] = line, angle

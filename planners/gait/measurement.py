@@ -180,7 +180,7 @@ def _measure(
             turning[foot, i] = twists[foot, 3 + i]
             if areas[foot, 2 * i] == areas[foot, 2 * i + 1]:
                 pivots[foot, i] = areas[foot, 2 * i]
-        if pivots[foot, 0] != 0.0 or pivots[foot, 1] != 0.0:
+        if areas[foot, 0] == areas[foot, 1] or areas[foot, 2] == areas[foot, 3]:
             along = _lie_down(pivots[foot, 0], rims.whole[foot, 0], rims.whole[foot, 1], rims.lie)
             across = _lie_down(pivots[foot, 1], rims.whole[foot, 2], rims.whole[foot, 3], rims.lie)
             if along == 0.0 and across == 0.0:

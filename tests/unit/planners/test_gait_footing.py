@@ -156,6 +156,22 @@ def test_a_sole_that_rolls_as_it_lands_is_whole(footing: Watched) -> None:
     np.testing.assert_array_equal(footing.areas, whole)
 
 
+@pytest.mark.parametrize("moved", [0.5, 1.5], ids=["on the same line", "elsewhere"])
+def test_a_sole_without_load_for_a_while_turns_on_where_its_cop_returns_to(footing: Watched, moved: float) -> None:
+    whole = footing.areas.copy()
+    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(0.6 * CONFIG.tilted / TURN / DT))
+    np.testing.assert_array_equal(turn(footing, measured((TURN, 0.0), (0.0, 0.01), load=0.5 * LOADED), 2), whole[0])
+    after = turn(footing, measured((TURN, 0.0), (0.0, 0.01 + moved * CONFIG.edge)), WHILE // 2)
+    assert (after[2] == after[3]) == (moved < 1.0)
+
+
+def test_the_line_is_where_the_cop_is_once_the_sole_has_turned_far_enough(footing: Watched) -> None:
+    """While it turned, its CoP moved by less than what counts as rolling."""
+    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(0.6 * CONFIG.tilted / TURN / DT))
+    line = turn(footing, measured((TURN, 0.0), (0.0, 0.01 + 0.8 * CONFIG.edge)))
+    assert line[2] == line[3] == pytest.approx(0.01 + 0.8 * CONFIG.edge, abs=0.5 * CONFIG.grain + 1e-9)
+
+
 def test_a_foot_that_has_been_lifted_lands_on_its_whole_sole(footing: Watched) -> None:
     whole = footing.areas.copy()
     seen = measured((TURN, 0.0), (0.0, 0.01))
@@ -207,8 +223,9 @@ def test_a_sole_on_its_rim_is_turned_towards_the_ground(side: int) -> None:
     middle = areas[0, side]  # the sole's height at the rim does not change, and that of its middle sinks
     assert (seen[0] - present[0])[axis] * -middle == pytest.approx(-abs(middle) * np.tan(CONFIG.lie_angle), abs=1e-9)
     np.testing.assert_array_equal(seen[1], present[1])
-    areas[0, 2 * axis : 2 * axis + 2] = 0.01
-    np.testing.assert_array_equal(measurement.measure(state, ground=Ground(areas, slope)).tilts[0], slope)
+    for edge in (0.01, 0.0):  # the latter below the ankle
+        areas[0, 2 * axis : 2 * axis + 2] = edge
+        np.testing.assert_array_equal(measurement.measure(state, ground=Ground(areas, slope)).tilts[0], slope)
 
 
 @pytest.mark.parametrize("line", ["heel", "left rim", "edge"])
