@@ -35,7 +35,9 @@ class _Soles(NamedTuple):
 class FootingState(Struct, frozen=True):
     """Rotation of the soles and their bearing areas; rectangles are x_min, x_max, y_min, y_max in the sole's frame."""
 
-    lines: Matrix  # CoP of each sole, held while it moves less than ``edge``; NaN before the first load (2, 2) [m]
+    lines: (
+        Matrix  # CoP of each sole from which it has moved by less than ``edge``; NaN before the first load (2, 2) [m]
+    )
     turned: Matrix  # rotation of each sole from the ground about its x and y while its CoP is held (2, 2) [rad]
     areas: Matrix  # bearing rectangles: whole, or without width at the rim or a multiple of ``grain`` (2, 4) [m]
 
@@ -49,16 +51,18 @@ class Footing:
     """Determines the line on which a sole bears that does not lie on the ground.
 
     A sole that turns while its CoP stays turns about the line through the CoP: an edge of the ground below it, or the
-    rim of the sole. Its rotation ``a`` is integrated from its angular velocity ``w``,
+    rim of the sole. Its rotation ``a`` [rad] about an axis of the sole is integrated from its angular velocity ``w``
+    [rad/s] about that axis,
 
         a' = w - a max(1 - |w| / still, 0) / rest_time
 
-    From ``|a| = tilted`` on, until half of it, the sole bears on the line through its present CoP alone. The whole-body
-    QP then treats it as an edge contact, which turns freely, because a CoP commanded beside the line would turn it.
-    ``a`` restarts at zero when the CoP has moved by ``edge``, even while the sole had no load: it rolls, or has found
-    other ground. It decays while the sole lies still, because the ground below it has another slope than expected. At a
-    landing, ``a`` is the tilt of the sole relative to the expected ground, so a foot that lands on its heel bears on
-    it. In an urgent step, only the rim counts: soles then tip although there is ground under them.
+    Once ``|a|`` has reached ``tilted``, the sole bears on the line through the CoP of that moment alone, until ``|a|``
+    is below half of it. The whole-body QP then treats it as an edge contact, which turns freely, because a CoP
+    commanded beside the line would turn it. ``a`` restarts at zero when the CoP has moved by ``edge``: the sole rolls,
+    or has found other ground. It decays while the sole lies still, because the ground below it has another slope than
+    expected. Without load, ``a`` is integrated and the line is kept. At a landing, ``a`` is the tilt of the sole
+    relative to the expected ground, so a foot that lands on its heel bears on it. In an urgent step, only the rim
+    counts: soles then tip although there is ground under them.
 
     References:
         G. Wiedebach et al., Walking on partial footholds including line contacts with the humanoid robot Atlas,
@@ -118,27 +122,32 @@ def _update(
     """
     whole, limits = constants.record
     for foot in range(2):
-        planted = foot != swinging
-        if not planted:
+        if foot == swinging:
             c, s = np.cos(yaw), np.sin(yaw)  # about x, a sole turns up to its left; about y, down to its front
             turned[foot, 0], turned[foot, 1] = c * tilt[1] - s * tilt[0], -(c * tilt[0] + s * tilt[1])
+            lines[foot], areas[foot] = np.nan, whole[foot]
+            continue
         for axis in range(2):
             first, last, about = 2 * axis, 2 * axis + 1, 1 - axis
             low, high, speed = whole[foot, first], whole[foot, last], turning[foot, about]
-            on_line = areas[foot, first] == areas[foot, last]
-            areas[foot, first], areas[foot, last] = low, high
-            angle = turned[foot, about] + (dt * speed if planted else 0.0)
-            line = lines[foot, axis] if planted else np.nan
-            if planted and loads[foot] > LOADED:
+            angle, line = turned[foot, about] + dt * speed, lines[foot, axis]
+            if loads[foot] > LOADED:
+                on_line = areas[foot, first] == areas[foot, last]
                 cop = min(max(cops[foot, axis], low), high)
-                if not abs(cop - line) <= limits.edge:
-                    angle, line = angle if np.isnan(line) else 0.0, cop
+                if np.isnan(line):
+                    line = cop
+                elif abs(cop - line) > limits.edge:
+                    angle, line = 0.0, cop
                 stillness = max(1.0 - abs(speed) / limits.still, 0.0)
                 angle *= 1.0 - min(dt / limits.rest_time, 1.0) * stillness
+                areas[foot, first], areas[foot, last] = low, high
                 if abs(angle) >= (0.5 if on_line else 1.0) * limits.tilted:
                     bears = line if on_line else cop
                     place = np.rint(bears / limits.grain) * limits.grain
-                    place = low if bears <= low + limits.edge else high if bears >= high - limits.edge else place
-                    if not (urgent and low < place < high):
+                    if bears <= low + limits.edge:
+                        place = low
+                    elif bears >= high - limits.edge:
+                        place = high
+                    if not urgent or place in (low, high):
                         line, areas[foot, first], areas[foot, last] = bears, place, place
             lines[foot, axis], turned[foot, about] = line, angle

@@ -165,6 +165,23 @@ def test_a_sole_without_load_for_a_while_turns_on_where_its_cop_returns_to(footi
     assert (after[2] == after[3]) == (moved < 1.0)
 
 
+def test_a_sole_on_a_line_stays_on_it_without_load_for_a_while(footing: Watched) -> None:
+    cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
+    back = turn(footing, measured((-TURN, 0.0), (0.0, 0.01)), round(0.4 * CONFIG.tilted / TURN / DT))
+    np.testing.assert_array_equal(back, cut)
+    np.testing.assert_array_equal(turn(footing, measured((0.0, 0.0), (0.0, 0.01), load=0.5 * LOADED), 1), cut)
+    np.testing.assert_array_equal(turn(footing, measured((TURN, 0.0), (0.0, 0.01)), 1), cut)
+
+
+def test_a_sole_that_rolls_is_whole_even_if_its_load_fails_at_times(footing: Watched) -> None:
+    """It rolls by half of ``edge`` between two dips, on and on."""
+    turn(footing, measured((TURN, 0.0), (0.0, -0.02)))
+    for place in np.arange(-0.02, 0.02, 0.5 * CONFIG.edge).tolist():
+        turn(footing, measured((TURN, 0.0), (0.0, place), load=0.5 * LOADED), 1)
+        after = turn(footing, measured((TURN, 0.0), (0.0, place)), 1)
+        assert (after[2] == after[3]) == (place < -0.02 + 1.1 * CONFIG.edge)
+
+
 def test_the_line_is_where_the_cop_is_once_the_sole_has_turned_far_enough(footing: Watched) -> None:
     """While it turned, its CoP moved by less than what counts as rolling."""
     turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(0.6 * CONFIG.tilted / TURN / DT))
