@@ -22,6 +22,7 @@ from planners.terrain.swing_sweep import SweepLimits, Tops, sweep_limits, sweeps
 _DEPTH = 40  #: Largest number of footsteps of a plan
 _WIDTH = 80  #: Beam width: partial plans that are kept after each step
 _KEY = (0.04, 0.06)  #: Cell of foot positions along and across in which only the best partial plan is kept [m]
+_RADIX = 1 << 15 * np.arange(4)  #: Of the number of such a cell: both coordinates of both feet
 
 
 class _Costs(NamedTuple):
@@ -182,7 +183,7 @@ class FootstepSearch:
         off = np.hypot(apart[:, 0], apart[:, 1] - self.limits.width)
         stands = (np.abs(apart[:, 0]) <= self.limits.together + 1e-9) & (off <= self._stance)
         stands &= np.abs(apart[:, 2]) <= self.limits.flat
-        left = np.maximum(distance - begun.at[:, :, 0].mean(axis=1), 0.0)
+        left = np.maximum(distance - 0.5 * (begun.at[:, LEFT, 0] + begun.at[:, RIGHT, 0]), 0.0)
         costs: Vector = np.where(stands, begun.cost + self._costs.short * left / self.limits.stride, np.inf)
         return costs
 
@@ -198,13 +199,13 @@ class FootstepSearch:
         parents, along = np.nonzero(np.isfinite(costs))
         cost, place = costs[parents, along], nearest[parents, along]
         foot = begun.foot[parents]
-        at = begun.at[parents].copy()
+        at = begun.at[parents]
         rows, (i, j) = np.arange(len(parents)), np.divmod(place, len(sides))
         fits = survey.fits[i, j] == 1
         height = np.where(fits, survey.height[i, j], at[rows, 1 - foot, 2])
         at[rows, foot] = np.stack([ways[i], sides[j], height], axis=1)
-        value = cost - self._costs.left * at[:, :, 0].mean(axis=1) / self.limits.stride
-        keys = np.column_stack([foot, np.round(at[:, :, 0] / _KEY[0]), np.round(at[:, :, 1] / _KEY[1])])
+        value = cost - self._costs.left * (0.5 * (at[:, LEFT, 0] + at[:, RIGHT, 0])) / self.limits.stride
+        keys = 2 * (np.rint(at[:, :, :2] / _KEY).astype(np.int64).reshape(-1, 4) @ _RADIX) + foot
         over = overs[parents, along]
         steps = _Candidates(begun.at[parents, foot], at[rows, 1 - foot], at[rows, foot], over)
         kept, met = _choose(np.argsort(value, kind="stable"), keys, _WIDTH, steps, places, self.sweep)
@@ -215,9 +216,9 @@ class FootstepSearch:
 
 @njit(cache=True)
 def _choose(
-    order: NDArray[np.int64], keys: Matrix, most: int, steps: _Candidates, places: Places, sweep: SweepLimits
+    order: NDArray[np.int64], keys: NDArray[np.int64], most: int, steps: _Candidates, places: Places, sweep: SweepLimits
 ) -> tuple[NDArray[np.int64], bool]:
-    """At most ``most`` rows in the given order, only the first one of each key (k, 5) whose legs meet no ground.
+    """At most ``most`` rows in the given order, only the first one of each key (k,) whose legs meet no ground.
 
     Also returns whether any was left out because a leg would.
     """
@@ -225,12 +226,9 @@ def _choose(
     for row in order:
         new = count < most
         for k in range(count):
-            if not new:
+            if keys[row] == keys[kept[k]]:
+                new = False
                 break
-            same = True
-            for i in range(keys.shape[1]):
-                same = same and keys[row, i] == keys[kept[k], i]
-            new = not same
         if new and _is_clear(row, steps, places, sweep, highest):
             kept[count] = row
             count += 1
@@ -272,16 +270,23 @@ def _expand(
     shape = len(begun.cost), len(ways)
     best, places, overs = np.full(shape, np.inf), np.zeros(shape, np.int64), np.zeros(shape)
     grid, highest = ways[1] - ways[0] if len(ways) > 1 else 1.0, np.empty(len(sides))
+    columns, across = np.empty(len(sides), np.int64), np.empty(len(sides))
     for n in range(shape[0]):
         foot = begun.foot[n]
         stance, before, side = begun.at[n, 1 - foot], begun.at[n, foot], 1.0 if foot == LEFT else -1.0
         together = abs(stance[0] - before[0]) <= limits.beside + 1e-9
         apart = abs(stance[2] - before[2]) > limits.flat
-        highest[:] = -np.inf  # of the ground between the toe before and the heel after the step
+        highest[:], tallest = -np.inf, -np.inf  # of the ground between the toe before and the heel after the step
         row, own = max(math.ceil((before[0] + limits.toe - ways[0]) / grid), 0), 0
+        count = 0  # of columns in reach
         for j in range(len(sides)):
             if abs(sides[j] - before[1]) < abs(sides[own] - before[1]):
                 own = j
+            out = side * (sides[j] - stance[1])
+            if limits.narrow <= out <= limits.wide and abs(sides[j] - before[1]) <= 2.0 * limits.sway:
+                off, wider = sides[j] - 0.5 * side * limits.width, out - limits.width
+                across[j] = costs.line * off * off + costs.width * wider * wider
+                columns[count], count = j, count + 1
         nearest = -np.inf  # highest ground directly ahead of the toe
         for i in range(row, shape[1]):
             if ways[i] > before[0] + limits.toe + limits.edge:
@@ -292,6 +297,7 @@ def _expand(
             while row < shape[1] and ways[row] <= ways[i] + limits.heel:
                 for j in range(len(sides)):
                     highest[j] = max(highest[j], survey.top[row, j])
+                    tallest = max(tallest, highest[j])
                 row += 1
             ahead, swing = ways[i] - stance[0], ways[i] - before[0]
             beside = abs(ahead) <= limits.beside + 1e-9
@@ -299,36 +305,37 @@ def _expand(
                 break
             if ahead < -limits.together - 1e-9 or (apart and not beside):
                 continue
-            for j in range(len(sides)):
-                out = side * (sides[j] - stance[1])
-                if out < limits.narrow or out > limits.wide or abs(sides[j] - before[1]) > 2.0 * limits.sway:
+            may_feel = ways[i] <= felt + 1e-9 and not begun.seen[n]
+            farther = max(swing - 2.0 * limits.stride, 0.0)
+            for j in columns[:count]:
+                fits, height, room = survey.fits[i, j] == 1, stance[2], limits.comfort
+                level = stance[2] - limits.level <= survey.low[i, j] and survey.high[i, j] <= stance[2] + limits.level
+                if fits:
+                    height, room = survey.height[i, j], min(survey.room[i, j, 0], survey.room[i, j, 1])
+                elif not (may_feel and survey.fits[i, j] < 0 and level):
                     continue
-                room, height = limits.comfort, survey.height[i, j] if survey.fits[i, j] == 1 else stance[2]
-                over = -max(height, before[2])
-                over += highest[min(j, own) : max(j, own) + 1].max()
-                over = over if over > limits.level else 0.0
-                if over > 0.0 and (over + abs(height - before[2]) > limits.over or near or not (together or beside)):
-                    continue
-                if survey.fits[i, j] == 1:
-                    rise, room = height - stance[2], min(survey.room[i, j, 0], survey.room[i, j, 1])
-                elif survey.fits[i, j] < 0 and ways[i] <= felt + 1e-9 and not begun.seen[n] and over == 0.0:
-                    if survey.low[i, j] < stance[2] - limits.level or survey.high[i, j] > stance[2] + limits.level:
-                        continue
-                    rise = 0.0
-                else:
-                    continue
+                rise = height - stance[2]
                 if abs(rise) > limits.rise or (abs(rise) > limits.flat and (apart or not together)):
                     continue
                 longer = max(ahead + abs(rise) - limits.stride, 0.0)
-                farther = max(swing - 2.0 * limits.stride, 0.0)
-                off, wider = sides[j] - 0.5 * side * limits.width, out - limits.width
                 value = begun.cost[n] + 1.0 + costs.long * (longer * longer + farther * farther)
-                crouch = step_crouch(ahead, wider, rise, limits.leg)
+                if value >= best[n, i]:
+                    continue
+                over = 0.0
+                if tallest - max(height, before[2]) > limits.level:
+                    for k in range(min(j, own), max(j, own) + 1):
+                        over = max(over, highest[k] - max(height, before[2]))
+                    over = over if over > limits.level else 0.0
+                if over > 0.0 and not fits:
+                    continue
+                if over > 0.0 and (over + abs(height - before[2]) > limits.over or near or not (together or beside)):
+                    continue
+                crouch = step_crouch(ahead, side * (sides[j] - stance[1]) - limits.width, rise, limits.leg)
                 value += costs.crouch * crouch * crouch
-                if survey.fits[i, j] == 1:
+                if fits:
                     value += costs.wall * survey.wall[i, j] * survey.wall[i, j]
                 value += costs.edge * max(limits.comfort - room, 0.0) / limits.comfort
-                value += costs.line * off * off + costs.width * wider * wider
+                value += across[j]
                 if value < best[n, i]:
                     best[n, i], places[n, i], overs[n, i] = value, i * len(sides) + j, over
     return best, places, overs

@@ -230,6 +230,8 @@ def _walls(
                     ahead, farthest = nearest[side], leg[-1, side] + sign * beyond
                     while sign * (farthest - ahead) > 0.0:
                         ahead += sign * 0.5 * grid.cell
+                        if wall[i, j] > 1.0:
+                            break
                         above = _height_at(grid, grid.ways[i] + ahead, grid.sides[j] + beside)
                         above -= planes[i, j, 2] + planes[i, j, 0] * ahead + planes[i, j, 1] * beside
                         if above > higher:
