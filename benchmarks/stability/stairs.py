@@ -1,6 +1,7 @@
 """Stairs of known geometry, walked without range sensors; stairs and stones mapped by the robot."""
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -117,7 +118,7 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
         record_period_s=config.record_period,
     )
     demand(loop, "walk")
-    ended = ""
+    ended, plan_times = "", list[float]()
     start, x, gait = loop.t, float(loop.truth.q[0]), loop.gait
     if flight.mapped:
         distance = way + _BEYOND - float(loop.truth.q[0])
@@ -126,6 +127,7 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
         else:
             sight = Sight(loop, flight.fault)
             ended = walk_on_sight(loop, distance, sight).outcome or f"not arrived after {config.limit:g} s"
+            plan_times = sight.plan_times
     else:
         loop.run(0.2)
         here = middle(gait.footholds)
@@ -156,6 +158,7 @@ def climb_flight(flight: Flight, robot: str, seed: int) -> Case:
         "trips": gait.trips,
         "foot_slip": float(loop.foot_slip.max()),
         "torque": float((np.abs(loop.log.tau[:, legs]) / loop.robot.tau_max[legs]).max()),
+        "plan_times": plan_times,
     }
     return outcome if outcome["survived"] else {**outcome, "moments": last_moments(loop, config.shown)}
 
@@ -191,19 +194,31 @@ def _take(loop: ClosedLoop, steps: Sequence[Footstep]) -> None:
 
 
 class Sight:
-    """The robot's perception of the ground, with a fault."""
+    """The robot's perception of the ground, with a fault.
+
+    Attributes:
+        plan_times: Processor time of each plan [s].
+    """
 
     def __init__(self, loop: ClosedLoop, fault: Fault | None = None) -> None:
         self._loop, self._kind, self._amount = loop, fault and fault.kind, fault.amount if fault else 0.0
         self._moved, self._begun = loop.t, math.inf
+        self._planner = GroundPlanner(loop.robot, loop.gait.config)
+        self.plan_times: list[float] = []
         if self._kind == "high":
             loop.ground_view.mapper.reset()
             loop.ground_view.mapper.bias = self._amount
         if self._kind == "appears":
             loop.plant.obstacle.remove()
 
-    def ground(self) -> Heights:
-        """The present map, with the fault."""
+    def plan(self, request: Request) -> Answer:
+        """Plan on the present map, with the fault."""
+        ground, begin = self._ground(), time.thread_time()
+        answer = answer_request(self._planner, request, ground, clearance=_config().clearance)
+        self.plan_times.append(time.thread_time() - begin)
+        return answer
+
+    def _ground(self) -> Heights:
         ground = self._loop.ground_view.mapper.ground()
         x, y = ground.corner
         match self._kind:
@@ -251,14 +266,12 @@ def walk_on_sight(loop: ClosedLoop, distance: float, sight: Sight | None = None)
     """Walk a distance [m] straight ahead on the mapped ground, until it is done, the robot falls or is stuck."""
     sight = sight or Sight(loop)
     route, config = GroundRoute(loop.gait, loop.gait), _config()
-    planner = GroundPlanner(loop.robot, loop.gait.config)
     loop.run(_PERIOD)
     route.begin(middle(loop.gait.footholds), distance)
     latest, answers = loop.t + config.limit, list[tuple[float, Answer]]()
     while loop.t < latest and not loop.fallen and route.active:
         if (request := route.request(loop.t)) is not None:
-            answer = answer_request(planner, request, sight.ground(), clearance=config.clearance)
-            answers.append((loop.t + config.plan_delay, answer))
+            answers.append((loop.t + config.plan_delay, sight.plan(request)))
         while answers and answers[0][0] <= loop.t:
             route.answer(answers.pop(0)[1])
         sight.update(route)
@@ -277,10 +290,14 @@ class StairsBench(SurvivalBenchmark):
     required, goals = _config().required, _config().goals
 
     def further(self, name: str, cases: list[Case]) -> dict[str, float]:
-        """Mean ``time_`` of the walks that survived [s], and number of trips."""
+        """Mean ``time_`` of the walks that survived [s], number of trips, and processor time of the plans [ms]."""
         times = [case["time"] for case in cases if case["survived"]]
         mean = float(np.mean(times)) if times else float("nan")
-        return {f"time_{name}_s": mean, f"trips_{name}": float(sum(case["trips"] for case in cases))}
+        found = {f"time_{name}_s": mean, f"trips_{name}": float(sum(case["trips"] for case in cases))}
+        if plans := [1e3 * each for case in cases for each in case["plan_times"]]:
+            median, most = np.percentile(plans, (50, 99)).tolist()
+            found |= {f"plan_median_{name}_ms": median, f"plan_p99_{name}_ms": most, f"plan_max_{name}_ms": max(plans)}
+        return found
 
     def notes(self, report: Report) -> list[str]:
         return super().notes(report) + [
