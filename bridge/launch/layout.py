@@ -29,7 +29,7 @@ def process_specs(
     terrain_map: bool = False,
     given_map: bool = False,
 ) -> list[ProcessSpec]:
-    """Processes of the graph, the plant first; gait planner, controller and estimator share a process or are separate.
+    """Processes of the graph, the plant first.
 
     Both ``terrain_map`` and ``given_map`` add the mapping of the ground: from range sensors, or from a given map.
     """

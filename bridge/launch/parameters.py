@@ -87,7 +87,10 @@ def sensor_rate(extra: Parameters) -> float | None:
 
 
 def time_budget(rate: float, speed: float) -> dict[str, float]:
-    """Parameter ``time_budget`` of the controller: real time between states at a rate [Hz], if time is slowed down."""
+    """Parameter ``time_budget`` of the controller for states at a rate [Hz]; none unless time is slowed down.
+
+    It is the real time between two states [s].
+    """
     return {"time_budget": 1.0 / (rate * speed)} if speed < 1.0 else {}
 
 

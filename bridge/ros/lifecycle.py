@@ -24,9 +24,9 @@ class _Change:
     """One transition of one node.
 
     A reply is lost when the node has not yet discovered the reader, and DDS does not report that. The state of a node
-    that does not answer is therefore requested: the goal state means a lost reply, the start state twice a lost
-    request. Once, a busy node may have answered before it begins. The state is also requested after a refusal, as an
-    earlier request may have reached the goal.
+    that does not answer is therefore requested. The goal state means that the reply was lost. The start state means
+    that the request was lost if two answers have it; a busy node can give one such answer before its transition begins.
+    The state is also requested after a refusal, as an earlier request may have reached the goal.
     """
 
     def __init__(self, node: Any, name: str, transition: int) -> None:
