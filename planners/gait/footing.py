@@ -35,9 +35,7 @@ class _Soles(NamedTuple):
 class FootingState(Struct, frozen=True):
     """Rotation of the soles and their bearing areas; rectangles are x_min, x_max, y_min, y_max in the sole's frame."""
 
-    lines: (
-        Matrix  # CoP of each sole from which it has moved by less than ``edge``; NaN before the first load (2, 2) [m]
-    )
+    lines: Matrix  # CoP of each sole, held while it moves less than ``edge``; NaN without load (2, 2) [m]
     turned: Matrix  # rotation of each sole from the ground about its x and y while its CoP is held (2, 2) [rad]
     areas: Matrix  # bearing rectangles: whole, or without width at the rim or a multiple of ``grain`` (2, 4) [m]
 
@@ -56,13 +54,14 @@ class Footing:
 
         a' = w - a max(1 - |w| / still, 0) / rest_time
 
-    Once ``|a|`` has reached ``tilted``, the sole bears on the line through the CoP of that moment alone, until ``|a|``
-    is below half of it. The whole-body QP then treats it as an edge contact, which turns freely, because a CoP
-    commanded beside the line would turn it. ``a`` restarts at zero when the CoP has moved by ``edge``: the sole rolls,
-    or has found other ground. It decays while the sole lies still, because the ground below it has another slope than
-    expected. Without load, ``a`` is integrated and the line is kept. At a landing, ``a`` is the tilt of the sole
-    relative to the expected ground, so a foot that lands on its heel bears on it. In an urgent step, only the rim
-    counts: soles then tip although there is ground under them.
+    Once ``|a|`` has reached ``tilted``, the sole bears on the line at which its CoP has been since it began to turn,
+    until ``|a|`` is below half of that. The whole-body QP then treats it as an edge contact, which turns freely,
+    because a CoP commanded beside the line would turn it. ``a`` restarts at zero when the CoP has moved by ``edge``:
+    the sole rolls, or has found other ground. It decays while the sole lies still, because the ground below it has
+    another slope than expected. A sole without load is whole; its rotation is integrated, and counts about the line of
+    its CoP when it bears again. At a landing, ``a`` is the tilt of the sole relative to the expected ground, so a foot
+    that lands on its heel bears on it. In an urgent step, only the rim counts: soles then tip although there is ground
+    under them.
 
     References:
         G. Wiedebach et al., Walking on partial footholds including line contacts with the humanoid robot Atlas,
@@ -130,24 +129,23 @@ def _update(
         for axis in range(2):
             first, last, about = 2 * axis, 2 * axis + 1, 1 - axis
             low, high, speed = whole[foot, first], whole[foot, last], turning[foot, about]
-            angle, line = turned[foot, about] + dt * speed, lines[foot, axis]
+            angle, line = turned[foot, about] + dt * speed, np.nan
+            on_line = areas[foot, first] == areas[foot, last]
+            areas[foot, first], areas[foot, last] = low, high
             if loads[foot] > LOADED:
-                on_line = areas[foot, first] == areas[foot, last]
-                cop = min(max(cops[foot, axis], low), high)
+                cop, line = min(max(cops[foot, axis], low), high), lines[foot, axis]
                 if np.isnan(line):
                     line = cop
                 elif abs(cop - line) > limits.edge:
                     angle, line = 0.0, cop
                 stillness = max(1.0 - abs(speed) / limits.still, 0.0)
                 angle *= 1.0 - min(dt / limits.rest_time, 1.0) * stillness
-                areas[foot, first], areas[foot, last] = low, high
                 if abs(angle) >= (0.5 if on_line else 1.0) * limits.tilted:
-                    bears = line if on_line else cop
-                    place = np.rint(bears / limits.grain) * limits.grain
-                    if bears <= low + limits.edge:
+                    place = np.rint(line / limits.grain) * limits.grain
+                    if line <= low + limits.edge:
                         place = low
-                    elif bears >= high - limits.edge:
+                    elif line >= high - limits.edge:
                         place = high
                     if not urgent or place in (low, high):
-                        line, areas[foot, first], areas[foot, last] = bears, place, place
+                        areas[foot, first] = areas[foot, last] = place
             lines[foot, axis], turned[foot, about] = line, angle

@@ -156,39 +156,6 @@ def test_a_sole_that_rolls_as_it_lands_is_whole(footing: Watched) -> None:
     np.testing.assert_array_equal(footing.areas, whole)
 
 
-@pytest.mark.parametrize("moved", [0.5, 1.5], ids=["on the same line", "elsewhere"])
-def test_a_sole_without_load_for_a_while_turns_on_where_its_cop_returns_to(footing: Watched, moved: float) -> None:
-    whole = footing.areas.copy()
-    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(0.6 * CONFIG.tilted / TURN / DT))
-    np.testing.assert_array_equal(turn(footing, measured((TURN, 0.0), (0.0, 0.01), load=0.5 * LOADED), 2), whole[0])
-    after = turn(footing, measured((TURN, 0.0), (0.0, 0.01 + moved * CONFIG.edge)), WHILE // 2)
-    assert (after[2] == after[3]) == (moved < 1.0)
-
-
-def test_a_sole_on_a_line_stays_on_it_without_load_for_a_while(footing: Watched) -> None:
-    cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
-    back = turn(footing, measured((-TURN, 0.0), (0.0, 0.01)), round(0.4 * CONFIG.tilted / TURN / DT))
-    np.testing.assert_array_equal(back, cut)
-    np.testing.assert_array_equal(turn(footing, measured((0.0, 0.0), (0.0, 0.01), load=0.5 * LOADED), 1), cut)
-    np.testing.assert_array_equal(turn(footing, measured((TURN, 0.0), (0.0, 0.01)), 1), cut)
-
-
-def test_a_sole_that_rolls_is_whole_even_if_its_load_fails_at_times(footing: Watched) -> None:
-    """It rolls by half of ``edge`` between two dips, on and on."""
-    turn(footing, measured((TURN, 0.0), (0.0, -0.02)))
-    for place in np.arange(-0.02, 0.02, 0.5 * CONFIG.edge).tolist():
-        turn(footing, measured((TURN, 0.0), (0.0, place), load=0.5 * LOADED), 1)
-        after = turn(footing, measured((TURN, 0.0), (0.0, place)), 1)
-        assert (after[2] == after[3]) == (place < -0.02 + 1.1 * CONFIG.edge)
-
-
-def test_the_line_is_where_the_cop_is_once_the_sole_has_turned_far_enough(footing: Watched) -> None:
-    """While it turned, its CoP moved by less than what counts as rolling."""
-    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(0.6 * CONFIG.tilted / TURN / DT))
-    line = turn(footing, measured((TURN, 0.0), (0.0, 0.01 + 0.8 * CONFIG.edge)))
-    assert line[2] == line[3] == pytest.approx(0.01 + 0.8 * CONFIG.edge, abs=0.5 * CONFIG.grain + 1e-9)
-
-
 def test_a_foot_that_has_been_lifted_lands_on_its_whole_sole(footing: Watched) -> None:
     whole = footing.areas.copy()
     seen = measured((TURN, 0.0), (0.0, 0.01))
