@@ -75,7 +75,7 @@ class HealthTopics:
         self._coasting_since: int | None = None
         self._gait = GaitStatus(ready=False, settled=True)
         self.start_status: StartStatus | None = None  #: Of a real robot; None before its first report, or in simulation
-        self._alive: dict[str, float] = {}
+        self._alive: dict[str, tuple[float, int]] = {}  # last status of each node: in real time [s], in plant time [ns]
         self._last_stamps, self._silence = [0, 0], [0, 0]  # of state and command [ns]
         self._checked = 0  # time of the plant at the last check [ns]
         self._twist: Vector = np.zeros(6)
@@ -177,10 +177,11 @@ class HealthTopics:
         """Health of the graph.
 
         ``driver_state`` is the reported state of the drivers. Damped drivers are a fault only after
-        ``config.controller_timeout`` since the robot began to move.
+        ``config.controller_timeout`` since the robot began to move. A node is silent after ``config.heartbeat_timeout``
+        both in real time and in plant time: slowed time shows a slow machine, on which reports are late, too.
         """
-        arming_time, oldest = config.controller_timeout, time.monotonic() - config.heartbeat_timeout
-        armed = self.now - self._started > arming_time * NANOSECONDS
+        armed = self.now - self._started > config.controller_timeout * NANOSECONDS
+        oldest = time.monotonic() - config.heartbeat_timeout
         holds = () if self.start_status is None else self.start_status.holds
         late = round(config.heartbeat_timeout * NANOSECONDS)
         advance, self._checked = min(self.now - self._checked, CHECK_MAX), self.now
@@ -194,7 +195,9 @@ class HealthTopics:
             overruns=self._control.overruns,
             gait_active=self.gait_active,
             coasting=0.0 if self._coasting_since is None else (self.now - self._coasting_since) / NANOSECONDS,
-            silent=tuple(name for name, seen in self._alive.items() if seen < oldest),
+            silent=tuple(
+                name for name, (real, plant) in self._alive.items() if real < oldest and self.now - plant > late
+            ),
             intruders=self.intruders,
             hardware=tuple(reason[:REASON_MAX] for reason in holds),
             joint_fault=self._control.joint_fault if driver_state == topics.ACTIVE else "",
@@ -241,7 +244,7 @@ class HealthTopics:
 
     def _on_node(self, status: NodeStatus) -> None:
         if status.name in WATCHED:
-            self._alive[status.name] = time.monotonic()
+            self._alive[status.name] = time.monotonic(), self.now
         self._incompatible.pop(status.name, None)
         found = {}
         for topic, end, policy in zip(status.topics, status.ends, status.policies, strict=False):

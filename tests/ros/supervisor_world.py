@@ -25,7 +25,7 @@ class World:
     def __init__(self, bench: Any) -> None:
         self.bench = bench
         self.modes: list[str] = []
-        self.roll, self.tick, self.silent, self.lag = 0.0, 0, False, 0
+        self.roll, self.tick, self.silent, self.lag, self.speed = 0.0, 0.0, False, 0, 1.0
         self.twist = np.zeros(6)
         node = bench.world
         node.create_subscription(String, topics.MODE, lambda message: self.modes.append(message.data), LATCHED)
@@ -36,7 +36,7 @@ class World:
         """Publish what an upright robot publishes, a hundred times a second; ``roll`` lays it down.
 
         ``silent`` leaves out all but the clock, as for one who has not found the other topics yet; ``lag`` [ns] makes
-        their stamps old.
+        their stamps old. The time of the robot runs at ``speed``.
         """
         node, joints, odom = self.bench.world, JointStateCodec(g1), OdometryCodec()
         description = node.create_publisher(String, topics.ROBOT_DESCRIPTION, LATCHED)
@@ -48,8 +48,8 @@ class World:
         q, zero = g1.standing_configuration(), np.zeros(g1.nj)
 
         def publish() -> None:
-            self.tick += 1
-            stamp = 10_000_000 * self.tick
+            self.tick += self.speed
+            stamp = round(10_000_000 * self.tick)
             q[3:7] = np.sin(0.5 * self.roll), 0.0, 0.0, np.cos(0.5 * self.roll)
             time = Clock()
             set_stamp(time.clock, stamp)
