@@ -100,7 +100,7 @@ def demo(
         typer.Option(help="Wave, squat, push and a square; or stairs that the robot maps with its range sensors."),
     ] = "square",
 ) -> None:
-    """Stand, wave, squat, take a push and walk a square over ROS 2 in real time, and report how well."""
+    """Stand, wave, squat, take a push and walk a square over ROS 2, and report how well."""
     need_ros()
     if scene == "stairs":
         from bridge.demo.stairs import demo_stairs

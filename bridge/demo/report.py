@@ -85,11 +85,13 @@ def judge(model: RobotModel, recording: Recording, config: DemoConfig) -> tuple[
     return [Check("stand", still, detail), *checks], stability
 
 
-def judge_speed(figures: dict[str, float], config: DemoConfig) -> Check:
-    """Check that the scenario ran in real time; ``figures["real_time_factor"]`` is NaN when it did not end."""
+def judge_speed(figures: dict[str, float]) -> Check:
+    """Report the ratio of simulated to real time, NaN when the scenario did not end; a slow machine is no failure."""
     factor = figures["real_time_factor"]
+    if math.isnan(factor):
+        return Check("real time", False, "did not happen")
     cause = "; simulated time waited: the processor is slow, or other programs used it" if factor < SLOW else ""
-    return Check("real time", factor >= config.real_time_min, f"{factor:.2f} of real time{cause}")
+    return Check("real time", True, f"{factor:.2f} of real time{cause}")
 
 
 def _judge_part(

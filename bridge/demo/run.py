@@ -161,7 +161,7 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
             plots.append(plot_walk(model, walking, out / "plots"))
         else:
             more.append(Check(WALK, False, "did not happen"))
-        checks += [*more, judge_speed(fast, config)]
+        checks += [*more, judge_speed(fast)]
         say("plots: " + ", ".join(str(file) for file in plots))
         problem = render_filmstrip(out / "recording.npz", out / "filmstrip.png", robot)
         say(problem or f"film strip: {out / 'filmstrip.png'}")

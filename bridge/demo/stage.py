@@ -38,7 +38,6 @@ class DemoConfig:
     push_duration: Positive
     recover_time: Positive
     poll_period: Positive
-    real_time_min: Positive
     com_drift_limit: Positive
     foot_limit: Positive
     height_tolerance: Positive

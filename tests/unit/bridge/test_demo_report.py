@@ -93,8 +93,8 @@ def test_the_report_is_json_and_a_table(tmp_path: Path) -> None:
     assert all(title in text for title in ("check", "result", "measured", "figure", "value"))
 
 
-@pytest.mark.parametrize(("factor", "passed"), [(0.99, True), (0.5, True), (0.05, False), (float("nan"), False)])
+@pytest.mark.parametrize(("factor", "passed"), [(0.99, True), (0.5, True), (0.05, True), (float("nan"), False)])
 def test_a_run_may_be_slower_than_real_time_but_must_end(factor: float, passed: bool) -> None:
-    check = judge_speed({"real_time_factor": factor}, CONFIG)
+    check = judge_speed({"real_time_factor": factor})
     assert check.passed is passed
     assert ("simulated time waited" in check.detail) is (factor < 0.9)
