@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ros2_messages import fill, kind_of, text_of
+from ros2_messages import field_of, fill, kind_of, text_of
 
 DISCOVERY = 2.0
 """What a fresh node waits before it lists what it has discovered [s]."""
@@ -135,7 +135,7 @@ class Shell:
                 print(f"publishing #{count + 1}: {message!r}", flush=True)
                 self._spin(1.0 / given["rate"])
         else:
-            self._listen(verb, name, once=bool(given.get("once")))
+            self._listen(verb, name, once=bool(given.get("once")), field=given.get("field"))
 
     def service(self, verb: str, name: str = "", kind: str = "", values: str = "{}") -> None:
         """``service list -t``, ``service call NAME TYPE YAML``."""
@@ -225,7 +225,7 @@ class Shell:
             print(f"Endpoint type: {each.endpoint_type.name}\n  Reliability: {each.qos_profile.reliability.name}")
             print(f"  Durability: {each.qos_profile.durability.name}\n")
 
-    def _listen(self, verb: str, name: str, *, once: bool) -> None:
+    def _listen(self, verb: str, name: str, *, once: bool, field: str | None) -> None:
         """``echo`` and ``hz``, with the reliability and durability that every publisher offers."""
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -242,7 +242,7 @@ class Shell:
         def receive(message: Any) -> None:
             times.append(time.monotonic())
             if verb == "echo":
-                print(f"{text_of(message)}---", flush=True)
+                print(f"{text_of(field_of(message, field))}---", flush=True)
             elif len(times) % 100 == 0:
                 print(f"average rate: {(len(times) - 1) / (times[-1] - times[0]):.3f}", flush=True)
 
@@ -326,8 +326,9 @@ def _parser() -> argparse.ArgumentParser:
     topic["info"].add_argument("-v", "--verbose", action="store_true", help="as always here")
     for verb in ("echo", "pub"):
         topic[verb].add_argument("--once", action="store_true")
-    for option in ("field", "qos-reliability", "qos-durability", "qos-history", "qos-depth"):
-        topic["echo"].add_argument(f"--{option}", help="without effect here: all fields, the QoS of the publisher")
+    topic["echo"].add_argument("--field", help="one field, such as info.resolution")
+    for option in ("qos-reliability", "qos-durability", "qos-history", "qos-depth"):
+        topic["echo"].add_argument(f"--{option}", help="without effect here: the QoS of the publisher")
     topic["pub"].add_argument("-r", "--rate", type=_at_least(float, 1e-3), default=1.0)
     topic["pub"].add_argument("--times", type=_at_least(int, 1), default=sys.maxsize)
     topic["pub"].add_argument("-w", type=_at_least(int, 0), default=1, help="subscribers to wait for")
@@ -341,7 +342,7 @@ def main(words: Sequence[str]) -> None:
     if command in ("run", "launch"):
         {"run": run, "launch": launch}[command](given["package"], given["name"], *given["arguments"])
         return
-    for option in ("t", "verbose", "field", "qos_reliability", "qos_durability", "qos_history", "qos_depth"):
+    for option in ("t", "verbose", "qos_reliability", "qos_durability", "qos_history", "qos_depth"):
         given.pop(option, None)
     if command in ("pkg", "interface"):
         {"pkg": pkg, "interface": interface}[command](**given)

@@ -48,9 +48,20 @@ def fill(message: Any, values: str | dict[str, Any]) -> Any:
     return message
 
 
+def field_of(message: Any, path: str | None) -> Any:
+    """Value at a path such as ``info.resolution``, the message itself without one; ``ValueError`` names its fields."""
+    for name in path.split(".") if path else ():
+        fields = getattr(message, "get_fields_and_field_types", dict)()
+        if name not in fields:
+            raise ValueError(f"--field {path}: there is no '{name}'; the fields are {', '.join(fields) or 'none'}")
+        message = getattr(message, name)
+    return message
+
+
 def text_of(message: Any) -> str:
-    """YAML of a message."""
-    return yaml.safe_dump(_plain(message), sort_keys=False, allow_unicode=True)
+    """YAML of a message or of a field; ``...`` stands for the items of a sequence after ``ITEMS_MAX``."""
+    text: str = yaml.safe_dump(_plain(message), sort_keys=False, allow_unicode=True)
+    return text.removesuffix("...\n")  # the end of a document, after a single value
 
 
 def _plain(value: Any) -> Any:
@@ -61,4 +72,4 @@ def _plain(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.hex()
     items = value.tolist() if hasattr(value, "tolist") else list(value)  # array.array and NumPy's, too
-    return [_plain(each) for each in items[:ITEMS_MAX]]
+    return [*(_plain(each) for each in items[:ITEMS_MAX]), *(["..."] if len(items) > ITEMS_MAX else [])]
