@@ -158,7 +158,8 @@ def collect(
     shown = (progress.MofNCompleteColumn(), progress.TimeElapsedColumn(), progress.TimeRemainingColumn())
     columns = (progress.TextColumn("{task.description}"), progress.BarColumn(), *shown)
     with progress.Progress(*columns, console=Console(stderr=True), disable=alone or silent) as bar:
-        task = bar.add_task(f"{bench} {options.robot}", total=len(inputs), completed=len(results))
+        name = " ".join([bench, options.robot, *_shared(cases)])
+        task = bar.add_task(name, total=len(inputs), completed=len(results))
         for index, done in produce([inputs[key] for key in remaining]):
             key = remaining[index]
             results[key] = plain({**inputs[key], **done.outcome})
@@ -166,10 +167,22 @@ def collect(
                 raise WorkersError(f"bench {bench}: a worker on {done.host} {why}")
             if file is not None and not results[key].get(NOT_RUN):
                 file.add(line_of(key, bench, options.robot, config, inputs[key], results[key], done))
-            bar.advance(task)
+            failed = sum(not case.get("survived", True) for case in results.values())
+            bar.update(task, advance=1, description=f"{name}, {failed} failed" if failed else name)
     if file is not None:
         file.requested.setdefault(bench, []).extend(key for key in keys if not results[key].get(NOT_RUN))
     return [dict(results[key]) for key in keys]
+
+
+def _shared(cases: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Scenario and level that all cases have in common, for the progress bar."""
+    found = ({case.get(name) for case in cases} - {None} for name in ("scenario", "level"))
+    return [
+        f"{value:g}" if isinstance(value, float) else str(value)
+        for values in found
+        if len(values) == 1
+        for value in values
+    ]
 
 
 def run_cases(
