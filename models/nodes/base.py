@@ -4,6 +4,7 @@ import re
 import time
 from collections import Counter
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
@@ -229,7 +230,8 @@ class PoiseNode(LifecycleNode):
         self.get_logger().warning(text)
         status = DiagnosticStatus(level=DiagnosticStatus.WARN, name=self.get_fully_qualified_name(), message=text)
         status.hardware_id = self.robot
-        items = {"source": source, "reason": error, "count": str(count)}
+        when = datetime.now(UTC).isoformat(timespec="seconds")  # late subscribers receive old refusals, too
+        items = {"source": source, "reason": error, "count": str(count), "time": when}
         status.values = [KeyValue(key=name, value=value) for name, value in items.items()]
         self._refusals.publish(status)
 
