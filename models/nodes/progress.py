@@ -19,10 +19,13 @@ def progress_message(name: str, stamp: int) -> Header:
 
 
 class Progress:
-    """Reports up to which time a node has done its work, until ``cleanup`` of the node."""
+    """Reports up to which time a node has done its work, until ``cleanup`` of ``node``.
 
-    def __init__(self, node: PoiseNode) -> None:
-        self._name = node.get_name()
+    ``worker`` is the name of the node that does the work, by default ``node``.
+    """
+
+    def __init__(self, node: PoiseNode, worker: str = "") -> None:
+        self._name = worker or node.get_name()
         self._publisher = node.announce(Header, topics.PERCEPTION_TIME, STATE)
         self._reported = IDLE
 

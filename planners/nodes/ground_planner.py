@@ -13,9 +13,8 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.grid_map import grid_map_type, layer_of
 from models.nodes.messages import decode as decode_message
-from models.nodes.messages import stamp_ns, to_ns, to_seconds
+from models.nodes.messages import stamp_ns, to_seconds
 from models.nodes.parameters import declare, declare_config
-from models.nodes.progress import Progress
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import program
 from planners.gait.scaling import load_gait_config
@@ -57,7 +56,6 @@ class GroundPlannerNode(PoiseNode):
         self._law = GroundPlanner(self.model, load_gait_config(self.model), self._config)
         self._missing = ""
         self._answers = self.announce(UInt8MultiArray, topics.GROUND_PLAN, EVENT)
-        self._progress = Progress(self)
         self.listen(UInt8MultiArray, topics.GROUND_REQUEST, self._on_request, EVENT, while_active=True)
         try:
             self._kind = grid_map_type()
@@ -73,15 +71,7 @@ class GroundPlannerNode(PoiseNode):
         self._map = data
 
     def _on_request(self, message: Any) -> None:
-        request = decode(Request, message)
-        self._progress.report(to_ns(request.stamp))
-        try:
-            self._answer(request)
-        finally:
-            self._progress.report_idle()
-
-    def _answer(self, request: Request) -> None:
-        begin = time.monotonic()
+        request, begin = decode(Request, message), time.monotonic()
         found = self._ground(request.stamp)
         if found is None:
             answer = Answer(request.number, reason="no map of the ground", blind=True)

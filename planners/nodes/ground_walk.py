@@ -14,7 +14,9 @@ from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
+from models.nodes.messages import to_ns
 from models.nodes.parameters import declare_config, describe
+from models.nodes.progress import Progress
 from models.nodes.qos import EVENT
 from models.types import STILL, Velocity
 from planners.gait.footsteps import Foothold, middle, wrap
@@ -25,6 +27,7 @@ from planners.terrain.footholds import GroundQuery
 from planners.terrain.ground_config import GroundConfig, RouteConfig, WatchConfig
 from planners.terrain.ground_route import Answer, GroundRoute, Request
 
+PLANNER = "ground_planner"  #: Node that answers the requests
 _AROUND = "around"  #: Name of the parameter
 _UNSEEN = "the ground on the way is unknown: the robot walks without a map; check terrain_mapper and its clouds"
 
@@ -93,6 +96,7 @@ class GroundWalk:
         self._route, self._arrived = GroundRoute(law, stack, route), route.arrived
         self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
+        self._progress, self._awaited = Progress(node, PLANNER), 0  # of the planner; number of the newest request
         self._around = lambda: bool(node.get_parameter(_AROUND).value)
         self._number = self._before = 0  # of the last request, and of the last one before the present command
         self._stage, self.outcome = _Stage.IDLE, ""
@@ -218,10 +222,16 @@ class GroundWalk:
         self._send(Request(self._number, GroundQuery(line, far, feet), None, self._t, watch=True))
 
     def _send(self, request: Request) -> None:
+        """Publish a request; simulated time waits for the answer of a planner that is present."""
+        self._awaited = request.number
+        if self._requests.get_subscription_count() > 0:
+            self._progress.report(to_ns(request.stamp))
         self._requests.publish(encode(request))
 
     def _on_answer(self, message: Any) -> None:
         answer = decode(Answer, message)
+        if answer.number == self._awaited:
+            self._progress.report_idle()
         if self._stage is _Stage.ROUTE and answer.number > 0:
             if self._goal is None and answer.level:
                 self._route.end("level")  # the rest is walked at the commanded velocity
