@@ -66,6 +66,7 @@ class RobotClient:
 
     def __init__(self, node: PoiseNode, config: ActionsConfig) -> None:
         self.config = config
+        self._node, self._states = node, list[Any]()
         self.mode = ""
         self.motion: deque[MotionStatus] = deque(maxlen=config.words)
         self.route: deque[RouteStatus] = deque(maxlen=config.words)
@@ -90,8 +91,7 @@ class RobotClient:
         node.listen_status(RouteStatus, topics.ROUTE_STATUS, self._on_route)
         node.listen_status(SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
         node.listen(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
-        node.listen(JointState, topics.POSTURE, self._on_joints, SENSOR, raw=True)
-        node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
+        node.own(RobotClient._unsubscribe, self)
         node.own(node.destroy_timer, node.every(config.period, self._look))
 
     @property
@@ -126,6 +126,7 @@ class RobotClient:
 
     async def turn(self) -> None:
         """Wait for the next poll."""
+        self._subscribe()
         future: Future = Future()
         self._waiting.append(future)
         await future
@@ -187,8 +188,22 @@ class RobotClient:
         """Whether the reference posture was constant for the last ``config.quiet`` polls."""
         return self._quiet >= self.config.quiet
 
+    def _subscribe(self) -> None:
+        """Subscribe to posture and odometry; without a goal, a thousand unused messages a second would take a core."""
+        if not self._states:
+            self._joints, self._odom, listen = b"", b"", self._node.create_subscription
+            self._states = [
+                listen(JointState, topics.POSTURE, self._on_joints, SENSOR, raw=True),
+                listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True),
+            ]
+
+    def _unsubscribe(self) -> None:
+        while self._states:
+            self._node.destroy_subscription(self._states.pop())
+
     def _look(self) -> None:
         if not self._waiting:
+            self._unsubscribe()
             return
         self._looks += 1
         posture, before = self.posture, self._before
