@@ -11,7 +11,7 @@ import pinocchio as pin
 import rclpy
 from nav_msgs.msg import Path
 from rclpy.node import Node
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -35,11 +35,16 @@ class StairClimber(Node):
         self.create_subscription(String, "gait/route", self.on_report, 10)
         self.footsteps = self.create_publisher(Path, "gait/footsteps_command", 10)
         self.walk = self.create_client(Trigger, "mode/walk")
+        self.walks = False
+        self.create_subscription(Float64, "gait/capture_margin", self.on_margin, 10)
 
     def on_transforms(self, message):
         for each in message.transforms:
             p, q = each.transform.translation, each.transform.rotation
             self.poses[each.child_frame_id] = pin.XYZQUATToSE3([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
+
+    def on_margin(self, message):
+        self.walks = True  # the gait accepts footsteps
 
     def on_report(self, message):
         self.report = message.data
@@ -58,8 +63,11 @@ class StairClimber(Node):
     def climb(self, up):
         self.walk.wait_for_service()
         answer = self.walk.call_async(Trigger.Request())
-        self.wait(lambda: answer.done() and self.footsteps.get_subscription_count() > 0)
+        self.wait(answer.done)
         self.get_logger().info(answer.result().message)
+        if not answer.result().success:
+            return False
+        self.wait(lambda: self.walks and self.footsteps.get_subscription_count() > 0)
         here = self.here()
         # the robot faces the stairs at the start of the simulation, where x of `odom` is zero
         stairs = Stairs(FLIGHT.patch - here.x, FLIGHT.height, FLIGHT.size, FLIGHT.count, FLIGHT.landing, 6.0)

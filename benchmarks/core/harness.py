@@ -167,7 +167,7 @@ def collect(
                 raise WorkersError(f"bench {bench}: a worker on {done.host} {why}")
             if file is not None and not results[key].get(NOT_RUN):
                 file.add(line_of(key, bench, options.robot, config, inputs[key], results[key], done))
-            failed = sum(not case.get("survived", True) for case in results.values())
+            failed = sum(not (case.get("survived", True) or case.get(NOT_RUN)) for case in results.values())
             bar.update(task, advance=1, description=f"{name}, {failed} failed" if failed else name)
     if file is not None:
         file.requested.setdefault(bench, []).extend(key for key in keys if not results[key].get(NOT_RUN))
@@ -176,13 +176,8 @@ def collect(
 
 def _shared(cases: Sequence[Mapping[str, Any]]) -> list[str]:
     """Scenario and level that all cases have in common, for the progress bar."""
-    found = ({case.get(name) for case in cases} - {None} for name in ("scenario", "level"))
-    return [
-        f"{value:g}" if isinstance(value, float) else str(value)
-        for values in found
-        if len(values) == 1
-        for value in values
-    ]
+    values = [cases[0].get(name) for name in ("scenario", "level") if len({str(each.get(name)) for each in cases}) == 1]
+    return [f"{value:g}" if isinstance(value, float) else str(value) for value in values if value is not None]
 
 
 def run_cases(

@@ -41,7 +41,7 @@ class StagedEstimator(StateEstimatorNode):
         text = "File for the end times of the stages of each tick; empty for none"
         self._file = declare(self, "latency_file", "", text)
 
-    def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any, **options: bool) -> None:
+    def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any, **options: Any) -> None:
         """Subscribe; the callback of joint states begins a row."""
 
         def on_joints(data: Any) -> None:

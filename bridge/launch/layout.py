@@ -5,7 +5,7 @@ from typing import Literal
 
 from bridge.ros.processes import ProcessSpec
 
-Processes = Literal["shared", "separate"]  #: Whether gait planner, controller and estimator share one
+Processes = Literal["shared", "separate"]  #: Whether gait planner, controller and estimator share one process
 BRIDGE = ProcessSpec("bridge.nodes.robot_driver", ("robot_driver",))
 CONTROL = ProcessSpec("bridge.nodes.control", ("gait_planner", "balance_controller", "state_estimator"))
 GAIT = ProcessSpec("planners.nodes.gait_planner", ("gait_planner",))

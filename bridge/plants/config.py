@@ -93,7 +93,7 @@ class DriverConfig:
     yield_lag: Annotated[float, Field(ge=0.001, le=1.0)]
     #: Age of the newest state received by the supervisor above which simulated time waits [s]
     yield_supervisor: Annotated[float, Field(ge=0.001, le=1.0)]
-    #: Age of the newest state handled by range sensors, mapper and ground planner above which simulated time waits [s]
+    #: Age of unfinished work of range sensors, mapper and ground planner above which simulated time waits [s]
     yield_perception: Annotated[float, Field(ge=0.01, le=1.0)]
     yield_max: Annotated[float, Field(ge=0.0, le=60.0)]  #: Longest wait; then time advances and drivers time out [s]
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)]  #: Seed of the simulated sensors' noise

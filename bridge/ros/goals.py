@@ -14,6 +14,7 @@ import numpy as np
 from nav_msgs.msg import Odometry
 from pydantic import Field
 from pydantic.dataclasses import dataclass as config_dataclass
+from rclpy.callback_groups import CallbackGroup
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
@@ -56,6 +57,23 @@ class ActionsConfig:
 MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)  #: Modes in which an action may continue
 
 
+class _WhileTrue(CallbackGroup):
+    """Callbacks that are called only while a condition holds; the middleware keeps the newest message until then."""
+
+    def __init__(self, condition: Callable[[], bool]) -> None:
+        super().__init__()
+        self._condition = condition
+
+    def can_execute(self, entity: Any) -> bool:
+        return self._condition()
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return True
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
 class RobotClient:
     """Subscriptions and service clients that the actions of one node share.
 
@@ -66,7 +84,6 @@ class RobotClient:
 
     def __init__(self, node: PoiseNode, config: ActionsConfig) -> None:
         self.config = config
-        self._node, self._states = node, list[Any]()
         self.mode = ""
         self.motion: deque[MotionStatus] = deque(maxlen=config.words)
         self.route: deque[RouteStatus] = deque(maxlen=config.words)
@@ -91,7 +108,9 @@ class RobotClient:
         node.listen_status(RouteStatus, topics.ROUTE_STATUS, self._on_route)
         node.listen_status(SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
         node.listen(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
-        node.own(RobotClient._unsubscribe, self)
+        during_goals = _WhileTrue(lambda: bool(self._waiting))  # a thousand messages a second
+        node.listen(JointState, topics.POSTURE, self._on_joints, SENSOR, raw=True, group=during_goals)
+        node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True, group=during_goals)
         node.own(node.destroy_timer, node.every(config.period, self._look))
 
     @property
@@ -126,7 +145,6 @@ class RobotClient:
 
     async def turn(self) -> None:
         """Wait for the next poll."""
-        self._subscribe()
         future: Future = Future()
         self._waiting.append(future)
         await future
@@ -188,22 +206,8 @@ class RobotClient:
         """Whether the reference posture was constant for the last ``config.quiet`` polls."""
         return self._quiet >= self.config.quiet
 
-    def _subscribe(self) -> None:
-        """Subscribe to posture and odometry; without a goal, a thousand unused messages a second would take a core."""
-        if not self._states:
-            self._joints, self._odom, listen = b"", b"", self._node.create_subscription
-            self._states = [
-                listen(JointState, topics.POSTURE, self._on_joints, SENSOR, raw=True),
-                listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True),
-            ]
-
-    def _unsubscribe(self) -> None:
-        while self._states:
-            self._node.destroy_subscription(self._states.pop())
-
     def _look(self) -> None:
         if not self._waiting:
-            self._unsubscribe()
             return
         self._looks += 1
         posture, before = self.posture, self._before

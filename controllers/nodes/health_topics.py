@@ -196,7 +196,9 @@ class HealthTopics:
             gait_active=self.gait_active,
             coasting=0.0 if self._coasting_since is None else (self.now - self._coasting_since) / NANOSECONDS,
             silent=tuple(
-                name for name, (real, plant) in self._alive.items() if real < oldest and self.now - plant > late
+                name
+                for name, (real, plant) in self._alive.items()
+                if real < oldest and not 0 <= self.now - plant <= late  # a clock that went back shows nothing
             ),
             intruders=self.intruders,
             hardware=tuple(reason[:REASON_MAX] for reason in holds),

@@ -4,11 +4,12 @@ import re
 import time
 from collections import Counter
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -132,8 +133,9 @@ class PoiseNode(LifecycleNode):
         *,
         raw: bool = False,
         while_active: bool = False,
+        group: CallbackGroup | None = None,
     ) -> None:
-        """Subscribe until ``cleanup``; see ``Node.create_subscription``.
+        """Subscribe until ``cleanup``; see ``Node.create_subscription``, whose ``callback_group`` is ``group``.
 
         A callback raises ``PoiseError`` to refuse a message. With ``while_active`` an inactive node drops messages.
         """
@@ -146,7 +148,9 @@ class PoiseNode(LifecycleNode):
                     self.refuse(topic, error)
 
         watched = self._qos.subscription(topic, qos)
-        subscription = self.create_subscription(kind, topic, on_message, qos, raw=raw, event_callbacks=watched)
+        subscription = self.create_subscription(
+            kind, topic, on_message, qos, callback_group=group, raw=raw, event_callbacks=watched
+        )
         self._owned += [(self._qos.forget, topic), (self.destroy_subscription, subscription)]
 
     def serve(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
@@ -230,8 +234,8 @@ class PoiseNode(LifecycleNode):
         self.get_logger().warning(text)
         status = DiagnosticStatus(level=DiagnosticStatus.WARN, name=self.get_fully_qualified_name(), message=text)
         status.hardware_id = self.robot
-        when = datetime.now(UTC).isoformat(timespec="seconds")  # late subscribers receive old refusals, too
-        items = {"source": source, "reason": error, "count": str(count), "time": when}
+        when = datetime.now(UTC) - timedelta(seconds=now - last)  # late subscribers receive old refusals, too
+        items = {"source": source, "reason": error, "count": str(count), "time": when.isoformat(timespec="seconds")}
         status.values = [KeyValue(key=name, value=value) for name, value in items.items()]
         self._refusals.publish(status)
 

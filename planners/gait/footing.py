@@ -36,7 +36,7 @@ class FootingState(Struct, frozen=True):
     """Rotation of the soles and their bearing areas; rectangles are x_min, x_max, y_min, y_max in the sole's frame."""
 
     lines: Matrix  # CoP of each sole, held while it moves less than ``edge``; NaN without load (2, 2) [m]
-    turned: Matrix  # rotation of each sole from the ground about its x and y while its CoP is held (2, 2) [rad]
+    turned: Matrix  # rotation of each sole from the ground about its x and y since the last restart (2, 2) [rad]
     areas: Matrix  # bearing rectangles: whole, or without width at the rim or a multiple of ``grain`` (2, 4) [m]
 
     def lies_flat(self, foot: int) -> bool:
@@ -54,14 +54,14 @@ class Footing:
 
         a' = w - a max(1 - |w| / still, 0) / rest_time
 
-    Once ``|a|`` has reached ``tilted``, the sole bears on the line at which its CoP has been since it began to turn,
-    until ``|a|`` is below half of that. The whole-body QP then treats it as an edge contact, which turns freely,
-    because a CoP commanded beside the line would turn it. ``a`` restarts at zero when the CoP has moved by ``edge``:
-    the sole rolls, or has found other ground. It decays while the sole lies still, because the ground below it has
-    another slope than expected. A sole without load is whole; its rotation is integrated, and counts about the line of
-    its CoP when it bears again. At a landing, ``a`` is the tilt of the sole relative to the expected ground, so a foot
-    that lands on its heel bears on it. In an urgent step, only the rim counts: soles then tip although there is ground
-    under them.
+    ``a`` restarts at zero when the CoP has moved by ``edge`` from where it was at the last restart or at the first
+    load: the sole rolls, or has found other ground. Once ``|a|`` has reached ``tilted``, the sole bears on the line
+    through that place alone, until ``|a|`` is below half of it. The whole-body QP then treats it as an edge contact,
+    which turns freely, because a CoP commanded beside the line would turn it. ``a`` decays while the sole lies still,
+    because the ground below it has another slope than expected. A sole without load is whole; its rotation is
+    integrated, and counts about the line of its CoP when it bears again. At a landing, ``a`` is the tilt of the sole
+    relative to the expected ground, so a foot that lands on its heel bears on it. In an urgent step, only the rim
+    counts: soles then tip although there is ground under them.
 
     References:
         G. Wiedebach et al., Walking on partial footholds including line contacts with the humanoid robot Atlas,

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import UInt8MultiArray
 
 from models.config import default_config
-from models.errors import MessageError
+from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.grid_map import grid_map_type, layer_of
@@ -77,7 +77,11 @@ class GroundPlannerNode(PoiseNode):
             answer = Answer(request.number, reason="no map of the ground", blind=True)
         else:
             ground, stamp = found
-            answer = answer_request(self._law, request, ground, clearance=self._clearance, stamp=stamp)
+            try:
+                answer = answer_request(self._law, request, ground, clearance=self._clearance, stamp=stamp)
+            except PoiseError as error:
+                self.refuse(topics.GROUND_REQUEST, error)
+                answer = Answer(request.number, reason=str(error), blind=True)
         self._plans, self._took = self._plans + 1, time.monotonic() - begin
         self._answers.publish(encode(answer))
 

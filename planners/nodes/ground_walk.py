@@ -27,7 +27,6 @@ from planners.terrain.footholds import GroundQuery
 from planners.terrain.ground_config import GroundConfig, RouteConfig, WatchConfig
 from planners.terrain.ground_route import Answer, GroundRoute, Request
 
-PLANNER = "ground_planner"  #: Node that answers the requests
 _AROUND = "around"  #: Name of the parameter
 _UNSEEN = "the ground on the way is unknown: the robot walks without a map; check terrain_mapper and its clouds"
 
@@ -96,7 +95,8 @@ class GroundWalk:
         self._route, self._arrived = GroundRoute(law, stack, route), route.arrived
         self._requests = node.announce(UInt8MultiArray, topics.GROUND_REQUEST, EVENT)
         node.listen(UInt8MultiArray, topics.GROUND_PLAN, self._on_answer, EVENT, while_active=True)
-        self._progress, self._awaited = Progress(node, PLANNER), 0  # of the planner; number of the newest request
+        self._progress = Progress(node, "ground_planner")
+        self._awaited = 0  # number of the newest request, until it is answered
         self._around = lambda: bool(node.get_parameter(_AROUND).value)
         self._number = self._before = 0  # of the last request, and of the last one before the present command
         self._stage, self.outcome = _Stage.IDLE, ""
@@ -222,15 +222,16 @@ class GroundWalk:
         self._send(Request(self._number, GroundQuery(line, far, feet), None, self._t, watch=True))
 
     def _send(self, request: Request) -> None:
-        """Publish a request; simulated time waits for the answer of a planner that is present."""
-        self._awaited = request.number
-        if self._requests.get_subscription_count() > 0:
+        """Publish a request. Simulated time waits for the answer, unless an earlier request was not answered."""
+        if not self._awaited and self._requests.get_subscription_count() > 0:
             self._progress.report(to_ns(request.stamp))
+        self._awaited = request.number
         self._requests.publish(encode(request))
 
     def _on_answer(self, message: Any) -> None:
         answer = decode(Answer, message)
         if answer.number == self._awaited:
+            self._awaited = 0
             self._progress.report_idle()
         if self._stage is _Stage.ROUTE and answer.number > 0:
             if self._goal is None and answer.level:

@@ -22,7 +22,7 @@ from planners.terrain.swing_sweep import SweepLimits, Tops, sweep_limits, sweeps
 _DEPTH = 40  #: Largest number of footsteps of a plan
 _WIDTH = 80  #: Beam width: partial plans that are kept after each step
 _KEY = (0.04, 0.06)  #: Cell of foot positions along and across in which only the best partial plan is kept [m]
-_RADIX = 1 << 15 * np.arange(4)  #: Of the number of such a cell: both coordinates of both feet
+_RADIX = 1 << 15 * np.arange(4)  #: Weights of the coordinates of both cells in one number; each is below 2^14
 
 
 class _Costs(NamedTuple):
@@ -319,7 +319,7 @@ def _expand(
                     continue
                 longer = max(ahead + abs(rise) - limits.stride, 0.0)
                 value = begun.cost[n] + 1.0 + costs.long * (longer * longer + farther * farther)
-                if value >= best[n, i]:
+                if value >= best[n, i]:  # the other costs are not negative
                     continue
                 over = 0.0
                 if tallest - max(height, before[2]) > limits.level:

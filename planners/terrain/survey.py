@@ -218,6 +218,7 @@ def _walls(
     """Proximity of ground that is ``higher`` than the plane of a sole [m] to its leg: 0 at ``reach`` [m], 1 at contact.
 
     Beside the middle line, at the points ``across`` the sole (k,) [m], ground only counts within the leg (above 1).
+    A value above 1 only shows that the leg is in higher ground, not how far.
     """
     wall, nearest = np.zeros(fits.shape), leg[0]
     for i in range(len(grid.ways)):
@@ -228,10 +229,8 @@ def _walls(
                 beside, beyond = (across[k], 0.0) if k >= 0 else (0.0, reach)
                 for side, sign in ((0, -1.0), (1, 1.0)):
                     ahead, farthest = nearest[side], leg[-1, side] + sign * beyond
-                    while sign * (farthest - ahead) > 0.0:
+                    while sign * (farthest - ahead) > 0.0 and wall[i, j] <= 1.0:
                         ahead += sign * 0.5 * grid.cell
-                        if wall[i, j] > 1.0:
-                            break
                         above = _height_at(grid, grid.ways[i] + ahead, grid.sides[j] + beside)
                         above -= planes[i, j, 2] + planes[i, j, 0] * ahead + planes[i, j, 1] * beside
                         if above > higher:

@@ -61,7 +61,7 @@ def field_of(message: Any, path: str | None) -> Any:
 def text_of(message: Any) -> str:
     """YAML of a message or of a field; ``...`` stands for the items of a sequence after ``ITEMS_MAX``."""
     text: str = yaml.safe_dump(_plain(message), sort_keys=False, allow_unicode=True)
-    return text.removesuffix("...\n")  # the end of a document, after a single value
+    return text[:-4] if text.endswith("\n...\n") else text  # the end of a document, after a single value
 
 
 def _plain(value: Any) -> Any:

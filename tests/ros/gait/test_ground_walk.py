@@ -133,6 +133,8 @@ def test_simulated_time_waits_from_a_request_to_its_answer(bench: Any, g1: Robot
     assert len(times) == 1
     robot.send(Answer(request.number, level=True))
     bench.wait(lambda: times[1:2] == [("ground_planner", IDLE)])
+    unanswered, _ = robot.ask(), robot.ask()  # at touchdowns
+    bench.wait(lambda: times[2:] == [("ground_planner", to_ns(unanswered.stamp))])  # for one request only
 
 
 @pytest.mark.parametrize("answer", [{"level": True}, {"blind": True}, None])
@@ -512,8 +514,7 @@ def test_the_ground_planner_answers_from_the_newest_map(
         raise MessageError("no plan")
 
     monkeypatch.setattr(node._law, "plan", fails)
-    requests.publish(encode(Request(8, query, None, 5.2)))
-    bench.wait(lambda: "no plan" in node.values["last refusal"])
+    assert ask(8, 5.2) == Answer(8, reason="no plan", blind=True) and "no plan" in node.values["last refusal"]
     monkeypatch.undo()
     node._map = node._map[:50]
     assert ask(7, 5.1).blind and node.counters[f"refused {topics.TERRAIN_MAP}"] == 1

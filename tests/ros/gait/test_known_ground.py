@@ -44,7 +44,11 @@ def climbed(eyes: Eyes) -> float:
 def test_listed_footsteps_with_heights_climb_two_steps(eyes: Eyes) -> None:
     """As the example lists them."""
     program = subprocess.Popen([sys.executable, str(EXAMPLE), "2"])
-    eyes.graph.wait_for(lambda: program.poll() is not None, PATIENCE, "at the last footstep")
+    try:
+        eyes.graph.wait_for(lambda: program.poll() is not None, PATIENCE, "at the last footstep")
+    finally:
+        program.kill()
+        program.wait()
     assert program.returncode == 0
     eyes.graph.wait_for(lambda: climbed(eyes) > 1.9 * FLIGHT.height, PATIENCE, "upright, two steps up")
     assert climbed(eyes) == pytest.approx(2.0 * FLIGHT.height, abs=0.03)

@@ -189,9 +189,8 @@ def test_a_drop_out_that_goes_on_damps_and_one_that_ends_does_not(bench: Any, wo
     node = bench.add(SupervisorNode, lockstep=True)
     reports = StatusTopic(bench.world, topics.ESTIMATOR_STATUS)
     bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
-    reports.publish(
-        EstimatorStatus(round(10_000_000 * world.tick) + 10**9)
-    )  # it begins in a second: not yet a drop-out
+    # it begins in a second: not yet a drop-out
+    reports.publish(EstimatorStatus(round(10_000_000 * world.tick) + 10**9))
     bench.spin(0.2)
     reports.publish(EstimatorStatus(None))
     bench.spin(0.3)
