@@ -294,7 +294,7 @@ class StairsBench(SurvivalBenchmark):
         times = [case["time"] for case in cases if case["survived"]]
         mean = float(np.mean(times)) if times else float("nan")
         found = {f"time_{name}_s": mean, f"trips_{name}": float(sum(case["trips"] for case in cases))}
-        if plans := [1e3 * each for case in cases for each in case["plan_times"]]:
+        if plans := [1e3 * each for case in cases for each in case.get("plan_times", ())]:
             median, most = np.percentile(plans, (50, 99)).tolist()
             found |= {f"plan_median_{name}_ms": median, f"plan_p99_{name}_ms": most, f"plan_max_{name}_ms": max(plans)}
         return found
