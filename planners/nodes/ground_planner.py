@@ -4,6 +4,7 @@ import math
 import time
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import UInt8MultiArray
 
@@ -27,7 +28,7 @@ from planners.terrain.ground_route import Answer, Request, answer_request
 
 
 def ground_from_message(message: Any) -> Heights:
-    """Ground heights in ``odom`` of a grid_map_msgs/GridMap.
+    """Ground heights in ``odom`` of a grid_map_msgs/GridMap, with their deviations if it has the layer ``variance``.
 
     Raises ``MessageError`` for another frame, without elevations, or for a resolution or centre that is not valid.
     """
@@ -36,7 +37,8 @@ def ground_from_message(message: Any) -> Heights:
     if not (cell > 0.0 and values.size and math.isfinite(cell + centre.x + centre.y)):
         raise MessageError(f"info.resolution is {cell}, the centre ({centre.x}, {centre.y}), the size {values.shape}")
     x, y = (middle - 0.5 * count * cell for middle, count in zip((centre.x, centre.y), values.shape, strict=True))
-    return Heights(values, (x, y), cell).closed()
+    deviations = np.sqrt(np.maximum(layer_of(message, "variance"), 0.0)) if "variance" in message.layers else None
+    return Heights(values, (x, y), cell, deviations).closed()
 
 
 class GroundPlannerNode(PoiseNode):

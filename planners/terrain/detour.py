@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from models.errors import UnreachableError
-from models.types import Matrix
 from planners.gait.footsteps import Foothold
 from planners.terrain.elevation_map import Heights, lattice, off_level
 from planners.terrain.ground_config import PlanConfig
@@ -17,13 +16,15 @@ def detour(ground: Heights, line: Foothold, distance: float, clearance: float, c
     """Poses that lead past obstacles on a line, up to ``distance`` [m]; empty if the line is free.
 
     They are on the nearer free side, with the heading of the line. ``clearance`` is half the width that the robot needs
-    [m]. Unknown ground counts as free. Raises ``UnreachableError`` if neither side is free.
+    [m]. Unknown ground counts as free, and so does ground that is off the level only within ``config.doubt`` standard
+    deviations: far to the sides the lidar alone measures it. Raises ``UnreachableError`` if neither side is free.
     """
     cell, half = ground.cell, 0.5 * ground.cell * len(ground.values)
     reach = cell * np.hypot(*ground.values.shape)  # no ground is known beyond
     ways, sides = np.arange(0.0, min(distance, reach) + clearance, cell), np.arange(-half, half, cell)
-    heights: Matrix = ground.at(lattice(line, ways, sides)).reshape(len(ways), len(sides))
-    off = off_level(heights, line.z, config.level)
+    points, shape = lattice(line, ways, sides), (len(ways), len(sides))
+    margin = config.doubt * ground.deviations_at(points).reshape(shape)
+    off = off_level(ground.at(points).reshape(shape), line.z, config.level, margin)
 
     def free(begin: float, end: float, side: float) -> bool:
         rows = (ways >= begin) & (ways <= end)

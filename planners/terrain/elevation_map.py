@@ -51,14 +51,25 @@ class Heights(NamedTuple):
     values: Matrix  #: (n, m) [m]; nan where unknown
     corner: tuple[float, float]  #: x and y of the outer corner of the first cell [m]
     cell: float  #: Edge length of a cell [m]
+    deviations: Matrix | None = None  #: Standard deviations of the heights (n, m) [m]; optional
 
     def at(self, points: Matrix) -> Vector:
         """Heights (n,) [m] at points x, y (n, 2) [m]; nan where unknown or outside the grid."""
+        return self._sample(self.values, points)
+
+    def deviations_at(self, points: Matrix) -> Vector:
+        """Standard deviations (n,) of the heights at points x, y (n, 2) [m]; 0 where not known."""
+        if self.deviations is None:
+            return np.zeros(len(points))
+        found = self._sample(self.deviations, points)
+        return np.where(np.isfinite(found), found, 0.0)
+
+    def _sample(self, values: Matrix, points: Matrix) -> Vector:
         index = np.floor((points - self.corner) / self.cell).astype(np.int64)
-        inside = ((index >= 0) & (index < self.values.shape)).all(axis=1)
-        heights = np.full(len(points), np.nan)
-        heights[inside] = self.values[tuple(index[inside].T)]
-        return heights
+        inside = ((index >= 0) & (index < values.shape)).all(axis=1)
+        found = np.full(len(points), np.nan)
+        found[inside] = values[tuple(index[inside].T)]
+        return found
 
     def closed(self) -> Heights:
         """The grid with holes closed: an unknown cell in known, level surroundings gets their mid-height."""
@@ -91,16 +102,17 @@ def level_offset(heights: Vector, known: float, roughness: float) -> float | Non
     return float(np.median(found))
 
 
-def off_level(heights: Matrix, level: float, most: float) -> Matrix:
+def off_level(heights: Matrix, level: float, most: float, margin: Matrix | float = 0.0) -> Matrix:
     """Penalty of heights (n, m) that are off a level by more than ``most`` [m], in cells; 0 for others and nan.
 
-    A higher cell counts its height over ``most``, a lower one 1, and none in a hole that a sole spans.
+    A higher cell counts its height over ``most``, a lower one 1, and none in a hole that a sole spans. A cell off by
+    less than ``most`` plus its ``margin`` (n, m) [m], for the error of its height, does not count.
     """
     known = np.isfinite(heights)
     around = ndimage.grey_dilation(np.where(known, heights, -np.inf), _SPANNED)
     spanned = ndimage.grey_erosion(np.where(np.isfinite(around), around, np.inf), _SPANNED)
     rise = np.where(known, spanned, np.nan) - level
-    off: Matrix = np.where(np.abs(rise) > most, np.maximum(rise / most, 1.0), 0.0)
+    off: Matrix = np.where(np.abs(rise) > most + margin, np.maximum(rise / most, 1.0), 0.0)
     return off
 
 
@@ -171,7 +183,8 @@ class ElevationMap:
     def heights(self, reference: float) -> Heights:
         """Known ground in W, with holes closed; ``reference`` is the height in W of the zero of the map [m]."""
         x, y = (self.origin * self.cell).tolist()
-        return Heights(np.where(self.known, self.height + reference, np.nan), (x, y), self.cell).closed()
+        values = np.where(self.known, self.height + reference, np.nan)
+        return Heights(values, (x, y), self.cell, np.sqrt(self.variance)).closed()
 
     def move_to(self, x: float, y: float) -> None:
         """Centre the map on a point of W [m], rounded to a cell; cells that leave the map are discarded."""

@@ -82,6 +82,8 @@ class PlanConfig:
     arrived: Positive  #: Distance to the end of the line at which a plan is complete [m]
     level: Positive  #: Height difference above which ground is on another level [m]
     stray: Positive  #: Number of cells off a level from which ground is not level; higher cells count by height
+    #: Number of standard deviations beyond `level` up to which a height does not bar a detour [-]
+    doubt: NonNegative
     lowest: Annotated[float, Field(ge=0.0, le=50.0)]  #: Percentile of known heights that is the lowest ground [%]
     changed: Share  #: Share of changed ground under a step above which its plan is void [-]
     passed: Share  #: Largest height that a foot steps over, as a share of `reach.rise` [-]

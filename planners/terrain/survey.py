@@ -94,7 +94,8 @@ class SoleSurvey:
 
 
 def _lattice_on(ground: Heights, line: Foothold, ways: Vector, sides: Vector) -> _Lattice:
-    return _Lattice(*ground, (line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)), ways, sides)
+    values, corner, cell, _ = ground
+    return _Lattice(values, corner, cell, (line.x, line.y, math.cos(line.yaw), math.sin(line.yaw)), ways, sides)
 
 
 @njit(cache=True, forceinline=True)

@@ -539,3 +539,13 @@ def test_a_malformed_map_is_refused(change: dict[str, Any], culprit: str) -> Non
         setattr(operator.attrgetter(part)(message), name, value)
     with pytest.raises(MessageError, match=culprit):
         ground_from_message(message)
+
+
+def test_a_map_may_contain_the_variance_of_its_heights() -> None:
+    grid_map()
+    layers = {"elevation": np.zeros((5, 5)), "variance": np.array([[4e-4, -1.0, np.nan, 0.0, 1e-4]] * 5)}
+    ground = ground_from_message(grid_map_message(0, np.zeros(2), 0.02, layers, "elevation"))
+    places = np.array([[0.0, 0.02 * k] for k in range(-2, 3)])
+    np.testing.assert_allclose(ground.deviations_at(places), [0.02, 0.0, 0.0, 0.0, 0.01], atol=1e-6)
+    bare = ground_from_message(grid_map_message(0, np.zeros(2), 0.02, {"elevation": np.zeros((5, 5))}, "elevation"))
+    assert bare.deviations is None

@@ -427,6 +427,15 @@ def test_a_detour_passes_over_low_ground_and_holes_that_a_sole_spans(
     assert (detour(Heights(heights, (-1.0, -1.0), 0.02), START, 0.8, 0.2, PLAN) == []) is free
 
 
+@pytest.mark.parametrize(("deviation", "free"), [(0.005, False), (0.015, True), (math.inf, False), (math.nan, False)])
+def test_ground_that_may_be_level_by_its_deviation_does_not_bar_a_detour(deviation: float, free: bool) -> None:
+    """A strip 5 cm high exceeds the tolerance of 3 cm by 2 cm; an unknown deviation is taken as zero."""
+    heights = np.zeros((100, 100))
+    heights[60:64, 40:60] = 0.05
+    ground = Heights(heights, (-1.0, -1.0), 0.02, np.full(heights.shape, deviation))
+    assert (detour(ground, START, 0.8, 0.2, PLAN) == []) is free
+
+
 @pytest.mark.parametrize(("behind", "is_level"), [(-0.15, False), (0.15, True), (0.0, True)])
 def test_where_lower_ground_is_known_unknown_ground_may_be_an_edge(
     mapper: TerrainMapper, behind: float, is_level: bool
