@@ -268,7 +268,7 @@ class GaitPlanner:
         if self.must_step:
             self._recover()
         elif gait.elapsed >= duration:
-            self._lift()
+            self._lift(self._single.far_off(gait))
 
     def _in_double(self) -> None:
         gait, duration = self.state, self.state.step.double
@@ -281,7 +281,7 @@ class GaitPlanner:
         if far_off and bears[gait.stance] and on_floor and not gait.command.route.steps:
             self._choose_stance()
         if elapsed >= duration or far_off or dragged:
-            self._lift()
+            self._lift(far_off)
 
     def _in_finish(self) -> None:
         self._shift_to_middle()
@@ -311,9 +311,9 @@ class GaitPlanner:
         first, last, then = (np.array((height, 0.0)) for height in (old, level, end))
         return float(double_support(first, last, then, omega, elapsed, gait.step.double)[0][0])
 
-    def _lift(self) -> None:
+    def _lift(self, urgent: bool) -> None:
         self._enter(GaitPhase.SINGLE)
-        self._single.lift(self.state)
+        self._single.lift(self.state, urgent)
 
     def _in_single(self, dt: float) -> Vector:
         """One tick of the step; returns CMP minus CoP (2,) [m]."""
@@ -425,7 +425,7 @@ class GaitPlanner:
             route = route.planned_anew(foot, gait.soles.holds, self.config)
         gait.command = structs.replace(gait.command, route=route, steps_left=2)
         gait.recovering = True
-        self._lift()
+        self._lift(self._single.far_off(gait))
 
     def _choose_stance(self) -> None:
         """Change the stance foot if a step from the other one misses the DCM after ``push_horizon`` by less."""

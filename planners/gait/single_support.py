@@ -1,5 +1,7 @@
 """Single support: foothold and time, swing foot and DCM reference of the present step."""
 
+import math
+
 import numpy as np
 from msgspec import structs
 
@@ -13,7 +15,7 @@ from planners.gait.dcm import DcmState, single_support
 from planners.gait.footsteps import Foothold, Point, clamped, replaced, wrap
 from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.regions import Region, region_limits
-from planners.gait.state import GaitState
+from planners.gait.state import GaitPhase, GaitState
 from planners.gait.swing import SwingFoot
 
 
@@ -39,10 +41,18 @@ class SingleSupport:
         self._regions = region_limits(config.reach)
 
     def far_off(self, gait: GaitState) -> bool:
-        """Whether the DCM is so far from its reference that the step is urgent."""
-        return gait.dcm_error > self._config.adjustment.urgent
+        """Whether the DCM is so far from its reference that the step is urgent.
 
-    def lift(self, gait: GaitState) -> None:
+        In double support after an urgent step, its distance from the nominal start of the coming single support counts,
+        too: the reference continues the plan of a step that may have been too short to catch the robot.
+        """
+        most = self._config.adjustment.urgent
+        if gait.dcm_error > most or not (gait.step.urgent and gait.phase is GaitPhase.DOUBLE):
+            return gait.dcm_error > most
+        start = self.plan.start_of_single(walk_of(gait, gait.soles.holds[1 - gait.stance]))
+        return math.dist(gait.measured.dcm(gait.omega), start) > most
+
+    def lift(self, gait: GaitState, urgent: bool) -> None:
         """Lift the swing foot off at its measured pose."""
         foot, single = 1 - gait.stance, gait.single
         sole = gait.measured.soles[foot]
@@ -52,7 +62,7 @@ class SingleSupport:
             time=single,
             liftoff=sole,
             next_adjustment=0.0,
-            urgent=self.far_off(gait),
+            urgent=urgent,
             region=Region.OWN,
             via=None,
         )

@@ -5,9 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from models.robot_model import RobotModel
 from planners.gait import dcm
+from planners.gait.measurement import GaitMeasurement
 from planners.gait.state import GaitPhase
 from tests.gaits import DT, caught, in_single_support, on_one_foot
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
@@ -157,3 +159,19 @@ def test_the_reference_rests_while_a_foot_is_late(g1: RobotModel) -> None:
     assert rates[-1][1] == 0.0
     fading = [rate for left, rate in rates if -late_time < left < 0.0]
     assert all(after < before for before, after in pairwise(fading))
+
+
+@pytest.mark.parametrize("urgent", [True, False])
+def test_after_an_urgent_step_that_did_not_catch_the_robot_the_next_one_is_urgent_at_once(
+    g1: RobotModel, urgent: bool
+) -> None:
+    """The DCM is at the reference, which continues the plan of the last step, but far from where a step begins."""
+    planner = in_single_support(g1)
+    gait, state = planner.state, standing(g1)
+    state.v[0] = -0.6
+    gait.phase, gait.stance, gait.elapsed = GaitPhase.DOUBLE, 1 - gait.stance, 0.0
+    reached = GaitMeasurement(g1).measure(state).dcm(gait.omega)
+    gait.step = structs.replace(gait.step, urgent=urgent, touchdown=reached, double=0.1)
+    planner.step(state, DT)
+    assert gait.dcm_error < planner.config.adjustment.urgent
+    assert (gait.phase is GaitPhase.SINGLE and gait.step.urgent) is urgent
