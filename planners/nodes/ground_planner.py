@@ -30,7 +30,8 @@ from planners.terrain.ground_route import Answer, Request, answer_request
 def ground_from_message(message: Any) -> Heights:
     """Ground heights in ``odom`` of a grid_map_msgs/GridMap, with their deviations if it has the layer ``variance``.
 
-    Raises ``MessageError`` for another frame, without elevations, or for a resolution or centre that is not valid.
+    Raises ``MessageError`` for another frame, without elevations, for layers of different sizes, or for a resolution or
+    centre that is not valid.
     """
     require_odom("map", message.header.frame_id)
     values, cell, centre = layer_of(message, "elevation"), float(message.info.resolution), message.info.pose.position
@@ -38,6 +39,8 @@ def ground_from_message(message: Any) -> Heights:
         raise MessageError(f"info.resolution is {cell}, the centre ({centre.x}, {centre.y}), the size {values.shape}")
     x, y = (middle - 0.5 * count * cell for middle, count in zip((centre.x, centre.y), values.shape, strict=True))
     deviations = np.sqrt(np.maximum(layer_of(message, "variance"), 0.0)) if "variance" in message.layers else None
+    if deviations is not None and deviations.shape != values.shape:
+        raise MessageError(f"the layer variance has the size {deviations.shape}, elevation {values.shape}")
     return Heights(values, (x, y), cell, deviations).closed()
 
 

@@ -549,3 +549,9 @@ def test_a_map_may_contain_the_variance_of_its_heights() -> None:
     np.testing.assert_allclose(ground.deviations_at(places), [0.02, 0.0, 0.0, 0.0, 0.01], atol=1e-6)
     bare = ground_from_message(grid_map_message(0, np.zeros(2), 0.02, {"elevation": np.zeros((5, 5))}, "elevation"))
     assert bare.deviations is None
+    other = grid_map_message(
+        0, np.zeros(2), 0.02, {"elevation": np.zeros((5, 5)), "variance": np.zeros((4, 4))}, "variance"
+    )
+    other.data[0] = grid_map_message(0, np.zeros(2), 0.02, {"elevation": np.zeros((5, 5))}, "elevation").data[0]
+    with pytest.raises(MessageError, match=r"variance has the size \(4, 4\), elevation \(5, 5\)"):
+        ground_from_message(other)
